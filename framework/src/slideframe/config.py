@@ -1,0 +1,171 @@
+"""One run's configuration: the problem, the choice of stages, and each plugin's tuning."""
+
+import difflib
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+import tomli_w
+from pydantic import BaseModel, Field, ValidationError
+
+from slideframe.errors import ConfigurationError
+from slideframe.problem import (
+    Boundary,
+    FillingProblem,
+    Material,
+    ProblemModel,
+    Region,
+    Simulation,
+    SimulationProblem,
+    Site,
+    View,
+    ViewProblem,
+)
+from slideframe.stages import StageKind
+
+Model = TypeVar("Model", bound=BaseModel)
+STAGE_KINDS: tuple[StageKind, ...] = get_args(StageKind)
+
+
+class StageChoice(ProblemModel):
+    """The plugin that does each stage, by name."""
+
+    pose_source: str = "pose_rtk"
+    reconstructor: str = "gs_torch"
+    volume_filler: str = "fill_poisson"
+    solver: str = "mpm_warp"
+    renderer: str = "render_gs"
+
+    def names(self) -> dict[StageKind, str]:
+        """Return the choice by kind, in the order of the pipeline."""
+        return {kind: getattr(self, kind) for kind in STAGE_KINDS}
+
+
+class RunConfig(ProblemModel):
+    """Everything that decides a run's result."""
+
+    site: Site
+    region: Region
+    material: Material
+    boundary: Boundary = Boundary()
+    simulation: Simulation
+    view: View = View()
+    stages: StageChoice = StageChoice()
+    plugins: dict[str, dict[str, Any]] = Field(default={}, description="options of each plugin, by its name")
+    seed: int = Field(default=0, ge=0, description="seed of every random choice")
+
+    def problem_of(self, kind: StageKind) -> ProblemModel:
+        """Return the part of the problem that a stage of that kind is given."""
+        problems: dict[StageKind, ProblemModel] = {
+            "pose_source": self.site,
+            "reconstructor": self.site,
+            "volume_filler": self.filling_problem,
+            "solver": self.simulation_problem,
+            "renderer": self.view_problem,
+        }
+        return problems[kind]
+
+    @property
+    def filling_problem(self) -> FillingProblem:
+        """What the volume filler is asked for."""
+        return FillingProblem(region=self.region, particle_spacing=self.simulation.particle_spacing)
+
+    @property
+    def simulation_problem(self) -> SimulationProblem:
+        """What the solver is asked for."""
+        return SimulationProblem(
+            region=self.region, material=self.material, boundary=self.boundary, simulation=self.simulation
+        )
+
+    @property
+    def view_problem(self) -> ViewProblem:
+        """What the renderer is asked for."""
+        return ViewProblem(region=self.region, view=self.view)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a config file; a relative `site.photographs` is meant from the file's folder.
+
+    Raises:
+        ConfigurationError: the file is absent or not TOML.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigurationError(
+            f"the config can't be read: {error.strerror}", where=str(path), cure="name an existing TOML file"
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"the config is not TOML: {error}", where=str(path), cure="mend the line it names") from error
+    photographs = content.get("site", {}).get("photographs") if isinstance(content.get("site"), dict) else None
+    if isinstance(photographs, str):
+        content["site"]["photographs"] = str((path.parent / Path(photographs).expanduser()).resolve())
+    return content
+
+
+def write_toml(config: RunConfig, path: Path) -> None:
+    """Write the resolved config, so that it runs the same again."""
+    path.write_text(tomli_w.dumps(_without_none(config.model_dump(mode="json"))), encoding="utf-8")
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return value
+
+
+def apply_override(content: dict[str, Any], assignment: str) -> None:
+    """Apply `dotted.key=value` to raw config content; the value is read as TOML, else as a bare string.
+
+    Raises:
+        ConfigurationError: there is no `=`, or a part of the key is not a table.
+    """
+    key, equals, text = assignment.partition("=")
+    if not equals or not key.strip():
+        raise ConfigurationError(f"'{assignment}' is no assignment", where="--set", cure="write --set table.key=value")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text
+    *tables, last = key.strip().split(".")
+    for table in tables:
+        content = content.setdefault(table, {})
+        if not isinstance(content, dict):
+            raise ConfigurationError(f"'{table}' is no table", where=f"--set {assignment}", cure="see slideframe schema")
+    content[last] = value
+
+
+def validate(model: type[Model], content: Mapping[str, Any], where: str) -> Model:
+    """Build a model from raw content.
+
+    Raises:
+        ConfigurationError: one line for each fault, with key, rule and, where a key is unknown, the nearest known one.
+    """
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        raise ConfigurationError(
+            "\n".join(_describe(model, fault) for fault in error.errors()), where=where, cure="see `slideframe schema`"
+        ) from error
+
+
+def _describe(model: type[BaseModel], fault: Mapping[str, Any]) -> str:
+    location = [str(part) for part in fault["loc"]]
+    key = ".".join(location) or "the whole"
+    if fault["type"] == "extra_forbidden":
+        known = _keys_at(model, location[:-1])
+        near = difflib.get_close_matches(location[-1], known, n=1)
+        return f"{key}: unknown key" + (f", did you mean '{near[0]}'?" if near else f"; known are {', '.join(known)}")
+    if fault["type"] == "missing":
+        return f"{key}: required but absent"
+    return f"{key}: {fault['msg'].removeprefix('Value error, ')} (got {fault['input']!r})"
+
+
+def _keys_at(model: type[BaseModel], location: list[str]) -> list[str]:
+    for part in location:
+        field = model.model_fields.get(part)
+        if field is None or not (isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)):
+            return []
+        model = field.annotation
+    return sorted(model.model_fields)

@@ -1,0 +1,63 @@
+"""The five chosen stages of a run, found, validated and preflighted before any of them computes."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from slideframe import registry
+from slideframe.config import STAGE_KINDS, RunConfig, StageChoice, validate
+from slideframe.device import Device
+from slideframe.errors import ConfigurationError
+from slideframe.registry import Listing
+from slideframe.stages import PoseSource, Reconstructor, Renderer, Solver, Stage, StageKind, VolumeFiller
+
+
+@dataclass(frozen=True)
+class Crew:
+    """One stage of each kind, with the distributions that they came from."""
+
+    pose_source: PoseSource
+    reconstructor: Reconstructor
+    volume_filler: VolumeFiller
+    solver: Solver
+    renderer: Renderer
+    listings: Mapping[str, Listing]
+
+    def stages(self) -> Iterator[Stage]:
+        """Give the stages in the order of the pipeline."""
+        for kind in STAGE_KINDS:
+            yield getattr(self, kind)
+
+    def preflight(self, config: RunConfig, device: Device) -> None:
+        """Raise the first reason for which a stage could not do its part of this run."""
+        for stage in self.stages():
+            registry.require_backend(stage, self.listings[stage.name])
+            stage.preflight(config.problem_of(stage.kind), device_for(stage, device))
+
+
+def device_for(stage: Stage, device: Device) -> Device:
+    """Return the device, or the CPU for a stage that can't use it."""
+    return device if device.kind in stage.devices else Device()
+
+
+def load_classes(choice: StageChoice) -> dict[StageKind, type[Stage]]:
+    """Import the chosen plugins and check that each is of the kind that it is chosen for."""
+    names = choice.names()
+    classes = registry.load(names.values())
+    for kind, name in names.items():
+        if classes[name].kind != kind:
+            raise ConfigurationError(
+                f"'{name}' is a {classes[name].kind}, not a {kind}",
+                where=f"stages.{kind}",
+                cure="see `slideframe plugins` for those of the right kind",
+            )
+    return {kind: classes[name] for kind, name in names.items()}
+
+
+def assemble(config: RunConfig) -> Crew:
+    """Load the chosen stages with their options; tables of plugins that are not chosen are left alone."""
+    stages: dict[str, Any] = {
+        kind: validate(stage, config.plugins.get(stage.name, {}), f"[plugins.{stage.name}]")
+        for kind, stage in load_classes(config.stages).items()
+    }
+    return Crew(**stages, listings={stage.name: registry.find(stage.name) for stage in stages.values()})

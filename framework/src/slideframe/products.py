@@ -1,0 +1,146 @@
+"""The five products that pass between the stages.
+
+All coordinates are metres in one local east-north-up frame (z up) whose origin is the survey's
+georeference. Camera axes are x right, y down, z forward; pixel (0.5, 0.5) is the centre of the
+upper-left pixel, as in COLMAP. Quaternions are (w, x, y, z), of unit length.
+"""
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from slideframe.arrays import Array, Float32Array, Float64Array, Int32Array, Product, UInt8Array
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Georeference(_Record):
+    """The origin of the local east-north-up frame on the WGS84 ellipsoid (EPSG:4979)."""
+
+    latitude: float = Field(ge=-90, le=90, description="degrees north")
+    longitude: float = Field(ge=-180, le=180, description="degrees east")
+    ellipsoidal_height: float = Field(description="metres above the WGS84 ellipsoid")
+
+
+class Camera(_Record):
+    """A pinhole with the distortion (k1, k2, p1, p2, k3) of OpenCV's model; lengths in pixels."""
+
+    width: int = Field(gt=0)
+    height: int = Field(gt=0)
+    focal_x: float = Field(gt=0)
+    focal_y: float = Field(gt=0)
+    principal_x: float
+    principal_y: float
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class Photograph(_Record):
+    """One image file, the camera that took it, and the digest of its bytes."""
+
+    path: Path
+    camera: int = Field(ge=0, description="index into Survey.cameras")
+    sha256: str
+
+    @property
+    def name(self) -> str:
+        """The file's name without its folder."""
+        return self.path.name
+
+
+class Survey(Product):
+    """Georeferenced photographs, their cameras, and the sparse points they share."""
+
+    georeference: Georeference
+    cameras: tuple[Camera, ...]
+    photographs: tuple[Photograph, ...]
+    world_from_camera: Annotated[Float64Array, Array(("photograph", 3, 4), "float64", "m")]
+    position_sigma: Annotated[Float64Array, Array(("photograph", 3), "float64", "m")]
+    sparse_points: Annotated[Float32Array, Array(("point", 3), "float32", "m")]
+    sparse_colors: Annotated[UInt8Array, Array(("point", 3), "uint8", "sRGB")]
+    sparse_errors: Annotated[Float32Array, Array(("point",), "float32", "px")]
+
+    @model_validator(mode="after")
+    def _photographs_fit(self) -> "Survey":
+        if len(self.photographs) != len(self.world_from_camera):
+            raise ValueError(f"{len(self.photographs)} photographs but {len(self.world_from_camera)} poses")
+        if any(photograph.camera >= len(self.cameras) for photograph in self.photographs):
+            raise ValueError("a photograph names a camera that is not in 'cameras'")
+        return self
+
+    def camera_of(self, index: int) -> Camera:
+        """Return the camera that took photograph `index`."""
+        return self.cameras[self.photographs[index].camera]
+
+
+class SplatCloud(Product):
+    """3D Gaussians. `scales` are standard deviations; `harmonics` are real spherical harmonics as in
+    Kerbl et al. 2023 (colour = 0.5 + sum of basis times coefficient), with 1, 4, 9 or 16 per channel."""
+
+    centers: Annotated[Float32Array, Array(("splat", 3), "float32", "m")]
+    rotations: Annotated[Float32Array, Array(("splat", 4), "float32", "quaternion wxyz")]
+    scales: Annotated[Float32Array, Array(("splat", 3), "float32", "m")]
+    opacities: Annotated[Float32Array, Array(("splat",), "float32", "1")]
+    harmonics: Annotated[Float32Array, Array(("splat", "coefficient", 3), "float32", "1")]
+
+    @model_validator(mode="after")
+    def _degree_known(self) -> "SplatCloud":
+        if self.harmonics.shape[1] not in (1, 4, 9, 16):
+            raise ValueError(f"harmonics must have 1, 4, 9 or 16 coefficients, not {self.harmonics.shape[1]}")
+        return self
+
+    def __len__(self) -> int:
+        return len(self.centers)
+
+
+class Filling(Product):
+    """The soil volume under the splats: its surface, its particles and the splats that follow them.
+
+    Particle `i` represents `particle_volumes[i]` of soil. `interior` holds the inferred splats, each
+    riding on particle `interior_particles[k]`; `surface_particles[j]` is the particle that the
+    reconstructed (observed) splat `j` follows, or -1 where the splat stays as scanned.
+    `surface_support` says of each vertex 0 observed, 1 interpolated, 2 extrapolated.
+    """
+
+    particle_positions: Annotated[Float32Array, Array(("particle", 3), "float32", "m")]
+    particle_volumes: Annotated[Float32Array, Array(("particle",), "float32", "m3")]
+    interior: SplatCloud
+    interior_particles: Annotated[Int32Array, Array(("interior_splat",), "int32", "index")]
+    surface_particles: Annotated[Int32Array, Array(("surface_splat",), "int32", "index")]
+    surface_vertices: Annotated[Float32Array, Array(("vertex", 3), "float32", "m")]
+    surface_triangles: Annotated[Int32Array, Array(("triangle", 3), "int32", "index")]
+    surface_support: Annotated[UInt8Array, Array(("vertex",), "uint8", "class")]
+
+    @model_validator(mode="after")
+    def _carriers_exist(self) -> "Filling":
+        if len(self.interior) != len(self.interior_particles):
+            raise ValueError(f"{len(self.interior)} interior splats but {len(self.interior_particles)} carriers")
+        particle_count = len(self.particle_positions)
+        for name in ("interior_particles", "surface_particles"):
+            carriers = getattr(self, name)
+            if carriers.size and (carriers.max() >= particle_count or carriers.min() < -1):
+                raise ValueError(f"{name} names a particle that does not exist (there are {particle_count})")
+        return self
+
+
+class ParticleFrame(Product):
+    """The state of every particle at one output time.
+
+    `deformation_gradients` carry neighbourhoods from t = 0 to now, for the renderer. `escaped` counts
+    the particles that reached the edge of the grid and were held there.
+    """
+
+    time: float
+    positions: Annotated[Float32Array, Array(("particle", 3), "float32", "m")]
+    velocities: Annotated[Float32Array, Array(("particle", 3), "float32", "m/s")]
+    deformation_gradients: Annotated[Float32Array, Array(("particle", 3, 3), "float32", "1")]
+    escaped: int = 0
+
+
+class Picture(Product):
+    """One rendered image of the film."""
+
+    time: float
+    pixels: Annotated[UInt8Array, Array(("row", "column", 3), "uint8", "sRGB")]

@@ -1,0 +1,138 @@
+"""The five stage interfaces. A stage is a value: its fields are its options, its one method does the work."""
+
+import logging
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import ClassVar, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from slideframe.device import Device
+from slideframe.problem import FillingProblem, ProblemModel, SimulationProblem, Site, ViewProblem
+from slideframe.products import Filling, ParticleFrame, Picture, SplatCloud, Survey
+
+StageKind = Literal["pose_source", "reconstructor", "volume_filler", "solver", "renderer"]
+FigureValue = float | int | str | bool | dict[str, float]
+
+_log = logging.getLogger("slideframe")
+
+
+def _ignore_progress(done: float, total: float, figures: dict[str, float]) -> None:
+    """Stand in where nobody watches."""
+
+
+@dataclass(frozen=True)
+class Context:
+    """What surrounds a stage while it computes.
+
+    Attributes:
+        device: where to compute.
+        scratch: a folder of the stage's own. It survives a killed run and is empty or as the same stage,
+            with the same options and inputs, left it; it is removed once the product is whole.
+        seed: seed of every random choice.
+        figures: measured results by name, units in the name, such as `held_out_psnr_db`.
+        warnings: statements that the user must see beside the result.
+    """
+
+    device: Device
+    scratch: Path
+    seed: int = 0
+    on_progress: Callable[[float, float, dict[str, float]], None] = _ignore_progress
+    figures: dict[str, FigureValue] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+
+    def progress(self, done: float, total: float, **figures: float) -> None:
+        """Tell how far the stage is, with figures worth watching."""
+        self.on_progress(done, total, figures)
+
+    def figure(self, name: str, value: FigureValue) -> None:
+        """Report a measured result."""
+        self.figures[name] = value
+
+    def warn(self, message: str) -> None:
+        """State something that the user must know beside the result."""
+        self.warnings.append(message)
+        _log.warning(message)
+
+
+class Stage(BaseModel, ABC):
+    """Base of the five interfaces.
+
+    Attributes:
+        kind: which interface the stage implements.
+        name: the entry point's name, unique among installed distributions.
+        backend: import names that must be there for the stage to compute.
+        devices: kinds of device that the stage can use.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    kind: ClassVar[StageKind]
+    name: ClassVar[str]
+    backend: ClassVar[tuple[str, ...]] = ()
+    devices: ClassVar[frozenset[str]] = frozenset({"cpu"})
+
+    def preflight(self, problem: ProblemModel, device: Device) -> None:
+        """Raise a SlideframeError now for anything that would stop the stage later.
+
+        `problem` is what the stage will be given: Site, FillingProblem, SimulationProblem or ViewProblem
+        (a Reconstructor is given the Site). The framework has checked `backend` before.
+        """
+
+
+class PoseSource(Stage):
+    """Finds where each photograph was taken."""
+
+    kind = "pose_source"
+
+    @abstractmethod
+    def locate(self, site: Site, context: Context) -> Survey:
+        """Return the photographs with their cameras in the local frame."""
+
+    @abstractmethod
+    def input_files(self, site: Site) -> Sequence[Path]:
+        """Return every file that the survey depends on; their bytes belong to the result's key."""
+
+
+class Reconstructor(Stage):
+    """Turns the survey into Gaussian splats."""
+
+    kind = "reconstructor"
+
+    @abstractmethod
+    def reconstruct(self, survey: Survey, context: Context) -> SplatCloud:
+        """Return the splats of the scene as photographed."""
+
+
+class VolumeFiller(Stage):
+    """Fills the ground below the splats with soil."""
+
+    kind = "volume_filler"
+
+    @abstractmethod
+    def fill(self, survey: Survey, splats: SplatCloud, problem: FillingProblem, context: Context) -> Filling:
+        """Return the soil volume of the region and the splats that move with it."""
+
+
+class Solver(Stage):
+    """Moves the filled volume."""
+
+    kind = "solver"
+
+    @abstractmethod
+    def solve(self, filling: Filling, problem: SimulationProblem, context: Context) -> Iterator[ParticleFrame]:
+        """Yield one frame per output time, the first at t = 0. Frames own their arrays."""
+
+
+class Renderer(Stage):
+    """Draws the motion."""
+
+    kind = "renderer"
+
+    @abstractmethod
+    def render(
+        self, splats: SplatCloud, filling: Filling, motion: Iterable[ParticleFrame], problem: ViewProblem, context: Context
+    ) -> Iterator[Picture]:
+        """Yield one picture per frame of the motion, in order, reading each frame once."""
