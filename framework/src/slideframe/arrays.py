@@ -36,9 +36,7 @@ class Array:
     def validate(self, value: object) -> npt.NDArray[Any]:
         """Check dtype, axes and finiteness, and return a read-only contiguous view of the array."""
         if not isinstance(value, np.ndarray):
-            raise PydanticCustomError(
-                "array_type", "must be a NumPy array, not {got}", {"got": type(value).__name__}
-            )
+            raise PydanticCustomError("array_type", "must be a NumPy array, not {got}", {"got": type(value).__name__})
         if value.dtype != np.dtype(self.dtype):
             raise PydanticCustomError(
                 "array_dtype",
@@ -47,12 +45,16 @@ class Array:
             )
         if not self._fits(value.shape):
             raise PydanticCustomError(
-                "array_shape", "must have axes {axes}, not shape {got}", {"axes": str(self.axes), "got": str(value.shape)}
+                "array_shape",
+                "must have axes {axes}, not shape {got}",
+                {"axes": str(self.axes), "got": str(value.shape)},
             )
         if value.dtype.kind == "f" and not np.isfinite(value).all():
             index = tuple(int(i) for i in np.argwhere(~np.isfinite(value))[0])
             raise PydanticCustomError(
-                "array_finite", "must be finite, but element {index} is {got}", {"index": str(index), "got": str(value[index])}
+                "array_finite",
+                "must be finite, but element {index} is {got}",
+                {"index": str(index), "got": str(value[index])},
             )
         view = np.ascontiguousarray(value).view()
         view.flags.writeable = False
@@ -114,4 +116,3 @@ class Product(BaseModel):
         )
 
     __hash__ = None  # type: ignore[assignment]
-

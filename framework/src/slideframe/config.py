@@ -97,7 +97,9 @@ def read_toml(path: Path) -> dict[str, Any]:
             f"the config can't be read: {error.strerror}", where=str(path), cure="name an existing TOML file"
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"the config is not TOML: {error}", where=str(path), cure="mend the line it names") from error
+        raise ConfigurationError(
+            f"the config is not TOML: {error}", where=str(path), cure="mend the line it names"
+        ) from error
     photographs = content.get("site", {}).get("photographs") if isinstance(content.get("site"), dict) else None
     if isinstance(photographs, str):
         content["site"]["photographs"] = str((path.parent / Path(photographs).expanduser()).resolve())
@@ -132,7 +134,9 @@ def apply_override(content: dict[str, Any], assignment: str) -> None:
     for table in tables:
         content = content.setdefault(table, {})
         if not isinstance(content, dict):
-            raise ConfigurationError(f"'{table}' is no table", where=f"--set {assignment}", cure="see slideframe schema")
+            raise ConfigurationError(
+                f"'{table}' is no table", where=f"--set {assignment}", cure="see slideframe schema"
+            )
     content[last] = value
 
 

@@ -4,11 +4,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from slideframe import registry
+from slideframe import catalogue, registry
+from slideframe.catalogue import Listing
 from slideframe.config import STAGE_KINDS, RunConfig, StageChoice, validate
 from slideframe.device import Device
 from slideframe.errors import ConfigurationError
-from slideframe.registry import Listing
 from slideframe.stages import PoseSource, Reconstructor, Renderer, Solver, Stage, StageKind, VolumeFiller
 
 
@@ -60,4 +60,4 @@ def assemble(config: RunConfig) -> Crew:
         kind: validate(stage, config.plugins.get(stage.name, {}), f"[plugins.{stage.name}]")
         for kind, stage in load_classes(config.stages).items()
     }
-    return Crew(**stages, listings={stage.name: registry.find(stage.name) for stage in stages.values()})
+    return Crew(**stages, listings={stage.name: catalogue.find(stage.name) for stage in stages.values()})

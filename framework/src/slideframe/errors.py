@@ -1,14 +1,14 @@
 """Every error slideframe raises on purpose, with the exit code of the command line.
 
-    SlideframeError                 4
-    ├── ConfigurationError          2   the config file, a flag or an option is wrong
-    │   ├── PluginNotFound          2   no installed distribution offers the stage
-    │   └── PluginConflict          2   two distributions claim one name
-    ├── InputError                  2   photographs or other input files can't be used
-    ├── MissingDependency           3   a backend, a system library or a device is absent
-    ├── PluginError                 3   a plugin can't be imported or breaks the contract
-    ├── StageFailed                 4   a stage stopped while it computed
-    └── StoreError                  4   results can't be written or read
+SlideframeError                 4
+├── ConfigurationError          2   the config file, a flag or an option is wrong
+│   ├── PluginNotFound          2   no installed distribution offers the stage
+│   └── PluginConflict          2   two distributions claim one name
+├── InputError                  2   photographs or other input files can't be used
+├── MissingDependency           3   a backend, a system library or a device is absent
+├── PluginError                 3   a plugin can't be imported or breaks the contract
+├── StageFailed                 4   a stage stopped while it computed
+└── StoreError                  4   results can't be written or read
 """
 
 

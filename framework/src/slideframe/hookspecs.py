@@ -4,8 +4,6 @@ import pluggy
 
 from slideframe.stages import Stage
 
-ENTRY_POINT_GROUP = "slideframe"
-
 hookspec = pluggy.HookspecMarker("slideframe")
 hookimpl = pluggy.HookimplMarker("slideframe")
 

@@ -147,7 +147,9 @@ class View(ProblemModel):
     height: int = Field(default=540, ge=16, le=4320, multiple_of=2, description="px")
     azimuth: float = Field(default=180.0, description="compass direction from the region to the camera, degrees")
     elevation: float = Field(default=30.0, gt=-90, lt=90, description="degrees above the horizon")
-    distance: float | None = Field(default=None, gt=0, description="m from the region's centre; none: the region fills the picture")
+    distance: float | None = Field(
+        default=None, gt=0, description="m from the region's centre; none: the region fills the picture"
+    )
     turn: float = Field(default=0.0, description="degrees of azimuth that the camera turns during the film")
     field_of_view: float = Field(default=50.0, gt=1, lt=150, description="horizontal, degrees")
     background: tuple[float, float, float] = Field(default=(0.62, 0.74, 0.86), description="sRGB, 0 to 1")
@@ -244,7 +246,12 @@ class ViewProblem(ProblemModel):
         view = self.view
         focal = view.width / (2 * math.tan(math.radians(view.field_of_view) / 2))
         camera = Camera(
-            width=view.width, height=view.height, focal_x=focal, focal_y=focal, principal_x=view.width / 2, principal_y=view.height / 2
+            width=view.width,
+            height=view.height,
+            focal_x=focal,
+            focal_y=focal,
+            principal_x=view.width / 2,
+            principal_y=view.height / 2,
         )
         target = np.asarray(bounds, np.float64).mean(axis=0)
         radius = float(np.linalg.norm(np.ptp(bounds, axis=0))) / 2

@@ -77,7 +77,8 @@ class Survey(Product):
 
 class SplatCloud(Product):
     """3D Gaussians. `scales` are standard deviations; `harmonics` are real spherical harmonics as in
-    Kerbl et al. 2023 (colour = 0.5 + sum of basis times coefficient), with 1, 4, 9 or 16 per channel."""
+    Kerbl et al. 2023 (colour = 0.5 + sum of basis times coefficient), with 1, 4, 9 or 16 per channel.
+    """
 
     centers: Annotated[Float32Array, Array(("splat", 3), "float32", "m")]
     rotations: Annotated[Float32Array, Array(("splat", 4), "float32", "quaternion wxyz")]

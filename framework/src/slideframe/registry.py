@@ -1,76 +1,15 @@
-"""Installed plugins: listed by their metadata alone, loaded only when chosen."""
+"""Chosen plugins, imported and held to the contract."""
 
-import difflib
 import inspect
 from collections.abc import Iterable
-from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 
 import pluggy
 
 from slideframe import hookspecs
-from slideframe.errors import MissingDependency, PluginConflict, PluginError, PluginNotFound
-from slideframe.hookspecs import ENTRY_POINT_GROUP
+from slideframe.catalogue import Listing, find
+from slideframe.errors import MissingDependency, PluginError
 from slideframe.stages import Stage
-
-KIND_KEYWORD_PREFIX = "slideframe-"
-
-
-@dataclass(frozen=True)
-class Listing:
-    """One installed plugin as its metadata describes it; nothing of it has been imported."""
-
-    name: str
-    kind: str
-    distribution: str
-    version: str
-    entry_point: EntryPoint
-
-    def __str__(self) -> str:
-        return f"plugin '{self.name}' of distribution {self.distribution} {self.version}"
-
-
-def installed() -> list[Listing]:
-    """List every plugin by entry-point metadata, sorted by kind and name."""
-    found: dict[tuple[str, str], Listing] = {}
-    for entry_point in entry_points(group=ENTRY_POINT_GROUP):
-        distribution = entry_point.dist
-        if distribution is None:
-            continue
-        keywords = (distribution.metadata["Keywords"] or "").split(",")
-        kinds = [word.strip()[len(KIND_KEYWORD_PREFIX) :] for word in keywords if word.strip().startswith(KIND_KEYWORD_PREFIX)]
-        listing = Listing(entry_point.name, kinds[0] if kinds else "", distribution.name, distribution.version, entry_point)
-        # a distribution can stand on sys.path twice (editable install beside a built one): the first is imported
-        found.setdefault((listing.name, listing.distribution), listing)
-    return sorted(found.values(), key=lambda listing: (listing.kind, listing.name, listing.distribution))
-
-
-def find(name: str) -> Listing:
-    """Return the one installed plugin of that name.
-
-    Raises:
-        PluginNotFound: none offers it; the message lists those that are there.
-        PluginConflict: two distributions claim it.
-    """
-    everything = installed()
-    matches = [listing for listing in everything if listing.name == name]
-    if not matches:
-        names = sorted({listing.name for listing in everything})
-        near = difflib.get_close_matches(name, names, n=1)
-        raise PluginNotFound(
-            f"no installed plugin is named '{name}'",
-            where=f"installed: {', '.join(names) or 'none'}",
-            cure=f"did you mean '{near[0]}'?" if near else "install the plugin's distribution with pip",
-        )
-    if len(matches) > 1:
-        claimants = " and ".join(f"{listing.distribution} {listing.version}" for listing in matches)
-        raise PluginConflict(
-            f"two distributions offer a plugin named '{name}': {claimants}",
-            where=f"entry-point group '{ENTRY_POINT_GROUP}'",
-            cure="uninstall one of them",
-        )
-    return matches[0]
 
 
 def load(names: Iterable[str]) -> dict[str, type[Stage]]:
@@ -108,7 +47,9 @@ def _register(manager: pluggy.PluginManager, listing: Listing) -> None:
     if inspect.isabstract(stage):
         raise _broken(listing, f"leaves abstract: {', '.join(sorted(stage.__abstractmethods__))}")
     if getattr(stage, "name", None) != listing.name:
-        raise _broken(listing, f"names its stage '{getattr(stage, 'name', None)}': it must equal the entry point's name")
+        raise _broken(
+            listing, f"names its stage '{getattr(stage, 'name', None)}': it must equal the entry point's name"
+        )
 
 
 def _broken(listing: Listing, how: str) -> PluginError:

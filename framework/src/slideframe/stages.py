@@ -1,6 +1,7 @@
 """The five stage interfaces. A stage is a value: its fields are its options, its one method does the work."""
 
 import logging
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -48,7 +49,10 @@ class Context:
         self.on_progress(done, total, figures)
 
     def figure(self, name: str, value: FigureValue) -> None:
-        """Report a measured result."""
+        """Report a measured result, a finite number or a word."""
+        value = getattr(value, "item", lambda: value)()  # NumPy's and torch's scalars
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ValueError(f"figure '{name}' is {value}")
         self.figures[name] = value
 
     def warn(self, message: str) -> None:
@@ -133,6 +137,11 @@ class Renderer(Stage):
 
     @abstractmethod
     def render(
-        self, splats: SplatCloud, filling: Filling, motion: Iterable[ParticleFrame], problem: ViewProblem, context: Context
+        self,
+        splats: SplatCloud,
+        filling: Filling,
+        motion: Iterable[ParticleFrame],
+        problem: ViewProblem,
+        context: Context,
     ) -> Iterator[Picture]:
         """Yield one picture per frame of the motion, in order, reading each frame once."""

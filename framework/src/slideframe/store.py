@@ -1,8 +1,8 @@
 """Results on disk, each whole or absent under its key.
 
-    store/<kind>-<key>/           manifest.json, and a product's arrays or a stream's numbered items
-    store/<kind>-<key>.partial/   being written; renamed when whole, thrown away when found
-    store/<kind>-<key>.scratch/   the computing stage's own folder; gone when its product is whole
+store/<kind>-<key>/           manifest.json, and a product's arrays or a stream's numbered items
+store/<kind>-<key>.partial/   being written; renamed when whole, thrown away when found
+store/<kind>-<key>.scratch/   the computing stage's own folder; gone when its product is whole
 """
 
 import errno
@@ -200,7 +200,9 @@ def read_product(folder: Path, product: type[ProductType]) -> ProductType:
         return product.model_validate(fields)
     except (OSError, ValueError) as error:
         raise StoreError(
-            f"a stored result is damaged: {error}", where=str(folder), cure="delete its folder in the store, then run again"
+            f"a stored result is damaged: {error}",
+            where=str(folder),
+            cure="delete its folder in the store, then run again",
         ) from error
 
 

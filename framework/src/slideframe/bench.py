@@ -1,0 +1,190 @@
+"""Where stages compute: each result is looked up by key, or computed, stored and shown."""
+
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Generic, Protocol, TypeVar, cast
+
+from slideframe.arrays import Product
+from slideframe.catalogue import Listing
+from slideframe.crew import device_for
+from slideframe.device import Device
+from slideframe.errors import PluginError, SlideframeError, StageFailed
+from slideframe.meter import Meter
+from slideframe.problem import ProblemModel, Site
+from slideframe.products import Filling, ParticleFrame, Picture, SplatCloud, Survey
+from slideframe.stages import Context, PoseSource, Stage, StageKind
+from slideframe.store import Entry, Store, digest, digest_file
+
+PRODUCT_OF: dict[StageKind, type[Product]] = {
+    "pose_source": Survey,
+    "reconstructor": SplatCloud,
+    "volume_filler": Filling,
+    "solver": ParticleFrame,
+    "renderer": Picture,
+}
+STREAMS: frozenset[StageKind] = frozenset({"solver", "renderer"})
+
+Value = TypeVar("Value")
+_log = logging.getLogger("slideframe")
+
+
+@dataclass(frozen=True)
+class Keyed(Generic[Value]):
+    """A result that is in the store, or will be, under its key; read when first looked at."""
+
+    kind: StageKind
+    key: str
+    entry: Entry
+
+    @cached_property
+    def value(self) -> Value:
+        """The product, or the stream of products."""
+        return cast(Value, self.entry.read(PRODUCT_OF[self.kind]))
+
+
+class ReachedGoal(Exception):
+    """The last stage that was asked for has its result."""
+
+
+class Watcher(Protocol):
+    """Sees stages come and go."""
+
+    def started(self, stage: Stage) -> None:
+        """Tell that a stage begins to compute."""
+
+    def progress(self, stage: Stage, done: float, total: float, figures: Mapping[str, float]) -> None:
+        """Tell how far it is."""
+
+    def finished(self, stage: Stage, result: Keyed[Any], cached: bool) -> None:
+        """Tell that a stage's result is in the store."""
+
+
+@dataclass
+class Bench:
+    """Runs stages for one run.
+
+    Attributes:
+        dry: only find out which results are there, compute nothing.
+        until: the last kind of stage to carry out; none: all.
+        results: what each kind of stage came to, in order.
+        computed: kinds whose result was not in the store.
+    """
+
+    store: Store
+    listings: Mapping[str, Listing]
+    device: Device
+    seed: int
+    watcher: Watcher
+    dry: bool = False
+    until: StageKind | None = None
+    results: dict[StageKind, Keyed[Any]] = field(default_factory=dict)
+    computed: set[StageKind] = field(default_factory=set)
+
+    def step(self, work: Callable[..., Value], *inputs: Keyed[Any] | ProblemModel) -> Keyed[Value]:
+        """Carry out one stage's method, unless its result is known.
+
+        Raises:
+            SlideframeError: as the stage raised it.
+            StageFailed: the stage raised anything else.
+            PluginError: the stage returned something that is not its product.
+            ReachedGoal: this was the last stage asked for.
+        """
+        stage: Stage = work.__self__  # type: ignore[attr-defined]
+        ingredients = self._ingredients(stage, inputs)
+        key = digest(ingredients)
+        result: Keyed[Value] = Keyed(stage.kind, key, self.store.entry(stage.kind, key))
+        cached = result.entry.is_whole
+        if not cached:
+            self.computed.add(stage.kind)
+            if not self.dry:
+                self._compute(stage, work, inputs, ingredients, result.entry)
+        self.results[stage.kind] = result
+        if not self.dry:
+            self.watcher.finished(stage, result, cached)
+        if stage.kind == self.until:
+            raise ReachedGoal
+        return result
+
+    def check(self, rule: Callable[..., None], *inputs: Keyed[Any] | ProblemModel) -> None:
+        """Apply a rule that joins products and problem, before later stages spend their time."""
+        if not self.dry:
+            rule(*map(_unwrap, inputs))
+
+    def _ingredients(self, stage: Stage, inputs: tuple[Keyed[Any] | ProblemModel, ...]) -> dict[str, Any]:
+        listing = self.listings[stage.name]
+        files = []
+        if isinstance(stage, PoseSource):
+            site = next(item for item in inputs if isinstance(item, Site))
+            files = [[str(path), digest_file(path)] for path in stage.input_files(site)]
+        return {
+            "plugin": [listing.distribution, listing.name, listing.version],
+            "options": stage.model_dump(mode="json"),
+            "inputs": [item.key if isinstance(item, Keyed) else item.model_dump(mode="json") for item in inputs],
+            "files": files,
+            "seed": self.seed,
+        }
+
+    def _compute(
+        self,
+        stage: Stage,
+        work: Callable[..., Any],
+        inputs: tuple[Keyed[Any] | ProblemModel, ...],
+        ingredients: dict[str, Any],
+        entry: Entry,
+    ) -> None:
+        device = device_for(stage, self.device)
+        context = Context(
+            device=device,
+            scratch=entry.scratch,
+            seed=self.seed,
+            on_progress=lambda done, total, figures: self.watcher.progress(stage, done, total, figures),
+        )
+        self.watcher.started(stage)
+        _log.info("%s starts on %s", self.listings[stage.name], device)
+        meter = Meter()
+
+        def finish() -> dict[str, Any]:
+            return {
+                "figures": context.figures | meter.figures() | {"device": str(device)},
+                "warnings": context.warnings,
+                "made_from": ingredients,
+            }
+
+        try:
+            product = work(*map(_unwrap, inputs), context)
+            if stage.kind in STREAMS:
+                entry.write_stream(self._checked_items(stage, product), finish)
+            else:
+                entry.write(self._checked(stage, product), finish)
+        except SlideframeError:
+            raise
+        except Exception as error:  # foreign code: whatever it raises is reported with its name
+            raise StageFailed(
+                f"{self.listings[stage.name]} stopped: {type(error).__name__}: {error}",
+                where=f"stage {stage.kind}",
+                cure="the log file holds the traceback; results of earlier stages are kept",
+            ) from error
+
+    def _checked_items(self, stage: Stage, items: Any) -> Iterator[Product]:
+        if not isinstance(items, Iterator):
+            raise self._wrong(stage, items)
+        for item in items:
+            yield self._checked(stage, item)
+
+    def _checked(self, stage: Stage, product: object) -> Product:
+        if not isinstance(product, PRODUCT_OF[stage.kind]):
+            raise self._wrong(stage, product)
+        return product
+
+    def _wrong(self, stage: Stage, product: object) -> PluginError:
+        return PluginError(
+            f"{self.listings[stage.name]} gave {type(product).__name__}, not {PRODUCT_OF[stage.kind].__name__}",
+            where=f"stage {stage.kind}",
+            cure="see docs/writing_a_plugin.md",
+        )
+
+
+def _unwrap(item: Any) -> Any:
+    return item.value if isinstance(item, Keyed) else item

@@ -1,0 +1,181 @@
+"""`slideframe run`: two passes over the command line.
+
+The first finds the config and the stages; the second parses every option of the config that they make up.
+"""
+
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, fields, make_dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from slideframe import pipeline
+from slideframe.bench import Bench, ReachedGoal
+from slideframe.commands.demo_survey import demo_config, prepare_demo_survey
+from slideframe.commands.progress import Silent, Watch, print_plan, print_result
+from slideframe.config import STAGE_KINDS, RunConfig, apply_override, read_toml, validate
+from slideframe.crew import Crew, assemble
+from slideframe.device import parse_device
+from slideframe.errors import SlideframeError, StoreError
+from slideframe.formats.video import require_encoder
+from slideframe.run_folder import LOG, JsonLines, RunFolder
+from slideframe.stages import StageKind
+from slideframe.store import Store
+
+_log = logging.getLogger("slideframe")
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Carry photographs to a moving picture of the slope's failure.
+
+    Without CONFIG the embedded demo runs. Precedence: plugin defaults < CONFIG < command line.
+    """
+
+    config: Annotated[Path | None, tyro.conf.Positional] = None
+    """TOML file; see `slideframe init`."""
+    pose_source: str | None = None
+    """Plugin that finds the cameras."""
+    reconstructor: str | None = None
+    """Plugin that makes the splats."""
+    volume_filler: str | None = None
+    """Plugin that fills the ground."""
+    solver: str | None = None
+    """Plugin that moves the mass."""
+    renderer: str | None = None
+    """Plugin that draws the film."""
+    device: str = "auto"
+    """auto, cpu, cuda or cuda:N."""
+    out: Path | None = None
+    """Run folder; by default runs/CONFIG-SOLVER."""
+    store: Path | None = None
+    """Folder of stored results, shared by runs; by default `store` beside the run folder."""
+    set: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """Override any key: --set material.friction_angle=30. Also for plugins that are not chosen."""
+    until: StageKind | None = None
+    """Stop after this stage."""
+    film: bool = True
+    """Write film.mp4."""
+    dry_run: bool = False
+    """Tell which stages have their results and which would compute, then stop."""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Parse, prepare and run."""
+    options = tyro.cli(RunOptions, args=_own_arguments(arguments), prog="slideframe run")
+    config = read_config(options)
+    if set(arguments) - set(_own_arguments(arguments)):
+        config = _parse_tuning(config, arguments)
+    return _run(options, config)
+
+
+def _own_arguments(arguments: Sequence[str]) -> list[str]:
+    """Leave out flags of the second pass with their values, and the call for help."""
+    own = {"--" + item.name.replace("_", "-") for item in fields(RunOptions)} | {"--no-film", "--no-dry-run"}
+    kept, keep = [], True
+    for argument in arguments:
+        if argument.startswith("--"):
+            keep = argument.partition("=")[0].replace("_", "-") in own
+        if keep and argument not in ("-h", "--help"):
+            kept.append(argument)
+    return kept
+
+
+def read_config(options: RunOptions) -> RunConfig:
+    """Read the config with its overrides and the stages named by flags; prepare the demo where none is named."""
+    content = demo_config() if options.config is None else read_toml(options.config)
+    for assignment in options.set:
+        apply_override(content, assignment)
+    for kind in STAGE_KINDS:
+        if name := getattr(options, kind):
+            apply_override(content, f'stages.{kind}="{name}"')
+    return validate(RunConfig, content, str(options.config or "the embedded demo"))
+
+
+def _parse_tuning(config: RunConfig, arguments: Sequence[str]) -> RunConfig:
+    """Parse again, with a flag for every key of the problem and every option of the chosen plugins."""
+    stages = assemble(config)
+    tables = {stage.name: stage for stage in stages.stages()}
+    plugins = make_dataclass("Plugins", [(name, type(stage), stage) for name, stage in tables.items()], frozen=True)
+    keys = [name for name in RunConfig.model_fields if name not in ("stages", "plugins")]
+    problem = [(name, RunConfig.model_fields[name].annotation, getattr(config, name)) for name in keys]
+    everything = make_dataclass(
+        "Everything",
+        [
+            ("options", Annotated[RunOptions, tyro.conf.arg(name="")]),
+            *[
+                (name, Annotated[annotation, tyro.conf.arg(name=name)], default)
+                for name, annotation, default in problem
+            ],
+            ("plugins", plugins, plugins()),
+        ],
+        frozen=True,
+    )
+    everything.__doc__ = RunOptions.__doc__
+    parsed: Any = tyro.cli(everything, args=list(arguments), prog="slideframe run")
+    changed = {name: getattr(parsed, name) for name in keys}
+    tuning = {name: getattr(parsed.plugins, name).model_dump(mode="json") for name in tables}
+    return RunConfig(**changed, stages=config.stages, plugins=dict(config.plugins) | tuning)
+
+
+def _run(options: RunOptions, config: RunConfig) -> int:
+    out = options.out or Path("runs") / f"{config_name(options.config)}-{config.stages.solver}"
+    store = Store(options.store or out.parent / "store")
+    crew = assemble(config)
+    device = parse_device(options.device)
+    if options.film:
+        require_encoder()
+    if options.config is None:
+        prepare_demo_survey()
+    crew.preflight(config, device)
+    plan = Bench(store, crew.listings, device, config.seed, Silent(), dry=True, until=options.until)
+    _carry_out(config, crew, plan)
+    if options.dry_run:
+        print_plan(plan)
+        return 0
+    run_folder = RunFolder(out)
+    with run_folder.locked():
+        if not plan.computed and run_folder.is_current(plan, options.film):
+            print(f"nothing to do: {out} holds this run")
+            return 0
+        store.open()
+        run_folder.open(config)
+        with logging_to(run_folder.folder / LOG), Watch() as watch:
+            bench = Bench(store, crew.listings, device, config.seed, watch, until=options.until)
+            try:
+                _carry_out(config, crew, bench)
+            except SlideframeError as error:
+                _log.error("%s", error, exc_info=True)
+                if bench.results and not isinstance(error, StoreError):
+                    run_folder.deliver(config, bench, options.film, watch.delivering)  # what there is, to look at
+                raise
+            run_folder.deliver(config, bench, options.film, watch.delivering)
+    print_result(out)
+    return 0
+
+
+def _carry_out(config: RunConfig, crew: Crew, bench: Bench) -> None:
+    with suppress(ReachedGoal):
+        pipeline.run(config, crew, bench)
+
+
+def config_name(path: Path | None) -> str:
+    """Return the name that a config gives its runs."""
+    return "demo" if path is None else path.stem
+
+
+@contextmanager
+def logging_to(path: Path) -> Iterator[None]:
+    """Send everything that slideframe logs to a JSON-lines file."""
+    handler = JsonLines(path)
+    _log.addHandler(handler)
+    _log.setLevel(logging.INFO)
+    _log.propagate = False
+    try:
+        yield
+    finally:
+        _log.removeHandler(handler)
+        handler.close()

@@ -1,0 +1,76 @@
+"""`slideframe schema`: every key of the config, as a JSON Schema or as a page to read."""
+
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import tyro
+from pydantic import BaseModel
+
+from slideframe import catalogue, registry
+from slideframe.config import RunConfig
+from slideframe.errors import PluginConflict, PluginError
+from slideframe.stages import Stage
+
+
+@dataclass(frozen=True)
+class SchemaOptions:
+    """Print every key of the config, for the installed plugins.
+
+    As a JSON Schema, name it in the first line of a config for completion in editors: #:schema ./slideframe.schema.json
+    """
+
+    markdown: bool = False
+    """Print tables to read instead of a JSON Schema."""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Print the schema; a plugin that can't be imported is left out and named on stderr."""
+    options = tyro.cli(SchemaOptions, args=list(arguments), prog="slideframe schema")
+    print("\n".join(markdown_lines()) if options.markdown else json.dumps(config_schema(), indent=1))
+    return 0
+
+
+def config_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a config, the installed plugins' options included."""
+    schema = RunConfig.model_json_schema()
+    tables = {stage.name: stage.model_json_schema() for stage in _importable_stages()}
+    schema["properties"]["plugins"] = {"type": "object", "properties": tables}
+    return schema
+
+
+def markdown_lines() -> Iterator[str]:
+    """Give one table for each table of the config."""
+    for name, field in RunConfig.model_fields.items():
+        if name != "plugins" and isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            yield from _table(name, field.annotation)
+    for stage in _importable_stages():
+        yield from _table(f"plugins.{stage.name}", stage)
+
+
+def _table(key: str, model: type[BaseModel]) -> Iterator[str]:
+    inner = {}
+    yield from (f"## [{key}]", "", (model.__doc__ or "").splitlines()[0], "")
+    yield from ("| key | default | meaning |", "|---|---|---|")
+    schema = model.model_json_schema()["properties"]
+    for name, field in model.model_fields.items():
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            inner[name] = field.annotation
+            continue
+        default = "required" if field.is_required() else json.dumps(schema[name].get("default"))
+        choices = " \\| ".join(map(json.dumps, schema[name].get("enum", [])))
+        meaning = "; ".join(filter(None, [field.description, choices]))
+        yield f"| `{name}` | {default} | {meaning} |"
+    yield ""
+    for name, annotation in inner.items():
+        yield from _table(f"{key}.{name}", annotation)
+
+
+def _importable_stages() -> Iterator[type[Stage]]:
+    for name in sorted({listing.name for listing in catalogue.installed()}):
+        try:
+            yield registry.load([name])[name]
+        except (PluginError, PluginConflict) as error:
+            print(f"left out: {error}", file=sys.stderr)

@@ -1,0 +1,191 @@
+"""What every explicit solver asks before it starts and while it runs: is the start sound, does it fit, is it alive."""
+
+import os
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from slideframe.arrays import Float32Array
+from slideframe.errors import ConfigurationError, InputError, StageFailed
+from slideframe.problem import Grid, SimulationProblem
+from slideframe.products import Filling, ParticleFrame
+from slideframe.stages import Context
+
+# Particles may start this share of a cell outside the walls: the rounding of a float32 coordinate, not a mistake.
+START_TOLERANCE = 0.01
+
+# The renderer can use stretches between these bounds: beyond them a splat becomes a needle (docs/physics.md).
+STRETCH_BOUNDS = (0.5, 2.0)
+
+
+def check_spacing(problem: SimulationProblem) -> None:
+    """Refuse a grid with less than two cells across the region.
+
+    Raises:
+        ConfigurationError: the cells are too large.
+    """
+    region, spacing = problem.region, problem.simulation.grid_spacing
+    narrowest = min(region.x_max - region.x_min, region.y_max - region.y_min)
+    if spacing > narrowest / 2:
+        raise ConfigurationError(
+            f"grid_spacing {spacing:g} m leaves less than two cells across the region's {narrowest:g} m",
+            where="simulation.grid_spacing",
+            cure=f"use at most {narrowest / 2:g} m; six or more cells across the moving mass give useful results",
+        )
+
+
+def check_start(filling: Filling, problem: SimulationProblem) -> Grid:
+    """Return the grid for particles that lie within the region's walls.
+
+    Raises:
+        ConfigurationError: the cells are too large for the region.
+        InputError: there are no particles, they lie outside the walls, or a volume isn't positive.
+    """
+    positions = filling.particle_positions
+    if not len(positions):
+        raise InputError(
+            "the filling holds no particles",
+            where="solver",
+            cure="place the region where the scan shows ground, and its z_min below it",
+        )
+    check_spacing(problem)
+    _check_inside(positions, problem)
+    if not (filling.particle_volumes > 0).all():
+        index = int(np.argmin(filling.particle_volumes))
+        raise InputError(
+            f"particle {index} has the volume {filling.particle_volumes[index]:g} m3",
+            where="filling.particle_volumes",
+            cure="volumes must be positive",
+        )
+    return problem.grid(positions)
+
+
+def _check_inside(positions: Float32Array, problem: SimulationProblem) -> None:
+    region = problem.region
+    slack = START_TOLERANCE * problem.simulation.grid_spacing
+    low = np.array([region.x_min, region.y_min, region.z_min]) - slack
+    high = np.array([region.x_max, region.y_max, np.inf]) + slack
+    outside = ((positions < low) | (positions > high)).any(axis=1)
+    if outside.any():
+        index = int(np.argmax(outside))
+        raise InputError(
+            f"{int(outside.sum())} of {len(positions)} particles lie outside the region's walls, "
+            f"the first is particle {index} at {_place(positions[index])}",
+            where="solver",
+            cure="fill and simulate the same region",
+        )
+
+
+def start_frame(filling: Filling) -> ParticleFrame:
+    """Return the frame at t = 0: the filling's own positions, at rest."""
+    count = len(filling.particle_positions)
+    return ParticleFrame(
+        time=0.0,
+        positions=filling.particle_positions.copy(),
+        velocities=np.zeros((count, 3), np.float32),
+        deformation_gradients=np.tile(np.eye(3, dtype=np.float32), (count, 1, 1)),
+    )
+
+
+def check_memory(bytes_needed: float, grid: Grid, particle_count: int) -> None:
+    """Refuse what main memory can't hold, before anything is allocated.
+
+    Raises:
+        ConfigurationError: the estimate exceeds the memory that is free.
+    """
+    free = available_memory()
+    if bytes_needed > free:
+        raise ConfigurationError(
+            f"the simulation needs about {bytes_needed / 1e9:.1f} GB for {particle_count:,} particles and "
+            f"{grid.node_count:,} grid nodes, but {free / 1e9:.1f} GB are free",
+            where="simulation.grid_spacing",
+            cure="raise grid_spacing (doubling it takes an eighth of the memory) or make the region smaller",
+        )
+
+
+def available_memory() -> int:
+    """Return the bytes that new allocations may take: Linux's own estimate, else all physical memory."""
+    try:
+        for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines():
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) * 1024
+    except OSError:
+        pass  # not Linux: the answer below is the best that POSIX offers
+    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+
+
+def check_motion(
+    positions: npt.NDArray[np.floating],
+    velocities: npt.NDArray[np.floating],
+    moment: float,
+    grid: Grid,
+    time_step: float,
+) -> None:
+    """Stop a simulation that has lost its meaning.
+
+    Args:
+        positions: (n, 3), m.
+        velocities: (n, 3), m/s.
+        moment: simulated time, s.
+        grid: the background grid.
+        time_step: s.
+
+    Raises:
+        StageFailed: a velocity isn't finite, or crosses more than a cell in one substep.
+    """
+    limit = grid.spacing / time_step
+    speeds = np.sqrt(np.einsum("pi,pi->p", velocities, velocities))
+    # written so that NaN, too, is found
+    bad = ~(speeds <= limit)
+    if bad.any():
+        index = int(np.argmax(bad))
+        raise StageFailed(
+            f"the simulation blew up: particle {index} at {_place(positions[index])} "
+            f"has the speed {speeds[index]:g} m/s, "
+            f"{int(bad.sum())} of {len(bad)} particles exceed one cell per substep ({limit:g} m/s)",
+            where=f"solver, at t = {moment:.6g} s of simulated time",
+            cure="lower simulation.cfl; if that doesn't help, look for particles that start on top of one another, "
+            "or use simulation.precision = 'float64'. Frames before this time are kept",
+        )
+
+
+def _place(position: npt.NDArray[np.floating]) -> str:
+    return "({:.3f}, {:.3f}, {:.3f}) m".format(*position)
+
+
+@dataclass
+class Pace:
+    """Measures a solver's speed and reports the figures that all solvers share."""
+
+    context: Context
+    frame_count: int
+    particle_count: int
+    mass: float
+    time_step: float
+    substeps: int = 0
+    _seconds: float = field(default=0.0, init=False)
+    _started: float = field(default=0.0, init=False)
+
+    def __post_init__(self) -> None:
+        self.context.figure("particles", self.particle_count)
+        self.context.figure("mass_kg", self.mass)
+        self.context.figure("time_step_s", self.time_step)
+
+    def __enter__(self) -> None:
+        self._started = time.perf_counter()
+
+    def __exit__(self, *failure: object) -> None:
+        self._seconds += time.perf_counter() - self._started
+
+    def frame_done(self, frame: int, substeps: int, escaped: int) -> None:
+        """Report progress and figures after output frame `frame` of which 0 is the start."""
+        self.substeps += substeps
+        rate = self.substeps / self._seconds if self._seconds else 0.0
+        self.context.figure("substeps", self.substeps)
+        self.context.figure("substeps_per_second", rate)
+        self.context.figure("particle_substeps_per_second", rate * self.particle_count)
+        self.context.figure("escaped_particles", escaped)
+        self.context.progress(frame, self.frame_count - 1, substeps_per_second=rate)

@@ -1,0 +1,47 @@
+"""The five lines: photographs to moving pictures."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from slideframe.bench import Bench, Keyed
+from slideframe.config import RunConfig
+from slideframe.crew import Crew
+from slideframe.errors import ConfigurationError
+from slideframe.problem import Region
+from slideframe.products import Picture, Survey
+
+
+def run(config: RunConfig, crew: Crew, bench: Bench) -> Keyed[Sequence[Picture]]:
+    """Carry the survey to moving pictures; every arrow points down."""
+    survey = bench.step(crew.pose_source.locate, config.site)
+    bench.check(require_region_in_survey, survey, config.region)
+    splats = bench.step(crew.reconstructor.reconstruct, survey)
+    filling = bench.step(crew.volume_filler.fill, survey, splats, config.filling_problem)
+    motion = bench.step(crew.solver.solve, filling, config.simulation_problem)
+    return bench.step(crew.renderer.render, splats, filling, motion, config.view_problem)  # type: ignore[arg-type]
+
+
+def require_region_in_survey(survey: Survey, region: Region) -> None:
+    """Refuse a region without a single sparse point, before hours are spent on splats.
+
+    Raises:
+        ConfigurationError: with the extent that the survey covers.
+    """
+    points = survey.sparse_points
+    if not len(points):
+        return
+    inside = (
+        (points[:, 0] >= region.x_min)
+        & (points[:, 0] <= region.x_max)
+        & (points[:, 1] >= region.y_min)
+        & (points[:, 1] <= region.y_max)
+    )
+    if not inside.any() or points[inside, 2].max() <= region.z_min:
+        low, high = np.percentile(points, [1, 99], axis=0)
+        raise ConfigurationError(
+            "the region holds no ground that the survey saw",
+            where="region",
+            cure=f"the survey covers x {low[0]:.1f} to {high[0]:.1f}, y {low[1]:.1f} to {high[1]:.1f}, "
+            f"z {low[2]:.1f} to {high[2]:.1f} m east, north and up of its origin",
+        )

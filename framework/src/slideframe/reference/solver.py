@@ -1,0 +1,226 @@
+"""An explicit Material Point Method that is read and trusted rather than fast."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from slideframe.arrays import Float64Array
+from slideframe.device import Device
+from slideframe.guards import (
+    STRETCH_BOUNDS,
+    Pace,
+    check_memory,
+    check_motion,
+    check_spacing,
+    check_start,
+    start_frame,
+)
+from slideframe.problem import Boundary, Grid, ProblemModel, Sand, SimulationProblem, Wall
+from slideframe.products import Filling, ParticleFrame
+from slideframe.reference.constitutive import kirchhoff_stress, return_mapping
+from slideframe.stages import Context, Solver
+
+BYTES_PER_PARTICLE = 27 * 8 * 12
+BYTES_PER_NODE = 4 * 8 * 3
+
+
+class ReferenceSolver(Solver):
+    """Explicit MLS-MPM in float64 NumPy: quadratic B-splines, affine transfer, sand (Hu et al. 2018)."""
+
+    name = "reference"
+
+    def preflight(self, problem: ProblemModel, device: Device) -> None:
+        """Refuse a grid that can't resolve the region."""
+        if isinstance(problem, SimulationProblem):
+            check_spacing(problem)
+
+    def solve(self, filling: Filling, problem: SimulationProblem, context: Context) -> Iterator[ParticleFrame]:
+        """Yield the motion; always in float64, whatever `precision` says."""
+        grid = check_start(filling, problem)
+        particle_count = len(filling.particle_positions)
+        check_memory(particle_count * BYTES_PER_PARTICLE + grid.node_count * BYTES_PER_NODE, grid, particle_count)
+        time_step, substeps = problem.time_step(grid)
+        state = Particles.at_rest(filling, problem.material.density)
+        simulation = problem.simulation
+        pace = Pace(context, simulation.frame_count, particle_count, float(state.masses.sum()), time_step)
+        yield start_frame(filling)
+        for frame in range(1, simulation.frame_count):
+            with pace:
+                for substep in range(1, substeps + 1):
+                    advance(state, problem, grid, time_step)
+                    now = (frame - 1) / simulation.frame_rate + substep * time_step
+                    check_motion(state.positions, state.velocities, now, grid, time_step)
+            bound_stretch(state.deformation_gradients)
+            pace.frame_done(frame, substeps, int(state.held.sum()))
+            yield state.frame(frame / simulation.frame_rate)
+
+
+@dataclass
+class Particles:
+    """The state of every particle, float64, SI.
+
+    Attributes:
+        positions: (n, 3), m.
+        velocities: (n, 3), m/s.
+        velocity_gradients: (n, 3, 3), the affine matrix C of APIC, 1/s.
+        elastic: (n, 3, 3), elastic deformation gradient.
+        volume_corrections: (n,), log of the stress-free expansion.
+        deformation_gradients: (n, 3, 3), the rendering frame.
+        masses: (n,), kg.
+        volumes: (n,), m3 at t = 0.
+        held: (n,), whether the particle has ever been held at the grid's edge.
+    """
+
+    positions: Float64Array
+    velocities: Float64Array
+    velocity_gradients: Float64Array
+    elastic: Float64Array
+    volume_corrections: Float64Array
+    deformation_gradients: Float64Array
+    masses: Float64Array
+    volumes: Float64Array
+    held: npt.NDArray[np.bool_]
+
+    @classmethod
+    def at_rest(cls, filling: Filling, density: float) -> "Particles":
+        """Return unstressed particles without motion."""
+        count = len(filling.particle_positions)
+        volumes = filling.particle_volumes.astype(np.float64)
+        return cls(
+            positions=filling.particle_positions.astype(np.float64),
+            velocities=np.zeros((count, 3)),
+            velocity_gradients=np.zeros((count, 3, 3)),
+            elastic=np.tile(np.eye(3), (count, 1, 1)),
+            volume_corrections=np.zeros(count),
+            deformation_gradients=np.tile(np.eye(3), (count, 1, 1)),
+            masses=density * volumes,
+            volumes=volumes,
+            held=np.zeros(count, dtype=bool),
+        )
+
+    def frame(self, time: float) -> ParticleFrame:
+        """Return a copy of what the renderer needs."""
+        return ParticleFrame(
+            time=time,
+            positions=self.positions.astype(np.float32),
+            velocities=self.velocities.astype(np.float32),
+            deformation_gradients=self.deformation_gradients.astype(np.float32),
+            escaped=int(self.held.sum()),
+        )
+
+
+def advance(state: Particles, problem: SimulationProblem, grid: Grid, time_step: float) -> None:
+    """Carry the particles through one substep: scatter, grid, gather, stress."""
+    stencil = Stencil.around(state.positions, grid)
+    momentum, mass = particles_to_grid(state, stencil, problem.material, grid, time_step)
+    velocity = np.divide(momentum, mass[:, None], out=np.zeros_like(momentum), where=mass[:, None] > 0)
+    velocity += time_step * np.array(problem.simulation.gravity)
+    apply_walls(velocity.reshape(*grid.shape, 3), problem.boundary, grid)
+    grid_to_particles(state, stencil, velocity, problem.material, grid, time_step)
+
+
+@dataclass
+class Stencil:
+    """The 27 nodes around each particle.
+
+    Attributes:
+        nodes: (n, 27), flat indices.
+        weights: (n, 27), quadratic B-splines.
+        arms: (n, 27, 3), node minus particle, m.
+    """
+
+    nodes: npt.NDArray[np.int64]
+    weights: Float64Array
+    arms: Float64Array
+
+    @classmethod
+    def around(cls, positions: Float64Array, grid: Grid) -> "Stencil":
+        """Return the quadratic B-splines at positions (n, 3), m (Steffen et al. 2008)."""
+        cells = (positions - np.array(grid.origin)) / grid.spacing
+        first = np.floor(cells - 0.5).astype(np.int64)
+        offset = cells - first
+        spline = np.stack([0.5 * (1.5 - offset) ** 2, 0.75 - (offset - 1) ** 2, 0.5 * (offset - 0.5) ** 2], axis=1)
+        steps = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), axis=-1).reshape(27, 3)
+        weights = spline[:, steps[:, 0], 0] * spline[:, steps[:, 1], 1] * spline[:, steps[:, 2], 2]
+        strides = np.array([grid.shape[1] * grid.shape[2], grid.shape[2], 1])
+        return cls(
+            nodes=(first @ strides)[:, None] + steps @ strides,
+            weights=weights,
+            arms=(steps[None] - offset[:, None]) * grid.spacing,
+        )
+
+
+def particles_to_grid(
+    state: Particles, stencil: Stencil, sand: Sand, grid: Grid, time_step: float
+) -> tuple[Float64Array, Float64Array]:
+    """Return the grid's momentum (nodes, 3), kg m/s, after internal forces, and its mass (nodes,), kg.
+
+    Source: Hu et al. 2018, "A moving least squares material point method", eqs. 16 to 18.
+    """
+    stress = kirchhoff_stress(state.elastic, sand)
+    impulse = (4 * time_step / grid.spacing**2) * state.volumes[:, None, None] * stress
+    affine = state.masses[:, None, None] * state.velocity_gradients - impulse
+    carried = (state.masses[:, None] * state.velocities)[:, None] + np.einsum("pij,pnj->pni", affine, stencil.arms)
+    momentum = [scatter(stencil.weights * carried[:, :, axis], stencil, grid) for axis in range(3)]
+    return np.stack(momentum, axis=1), scatter(stencil.weights * state.masses[:, None], stencil, grid)
+
+
+def scatter(shares: Float64Array, stencil: Stencil, grid: Grid) -> Float64Array:
+    """Return the sum (nodes,) of the particles' shares (n, 27) at each node."""
+    sums: Float64Array = np.bincount(stencil.nodes.ravel(), shares.ravel(), grid.node_count).astype(np.float64)
+    return sums
+
+
+def apply_walls(velocity: Float64Array, boundary: Boundary, grid: Grid) -> None:
+    """Apply, in place, the walls to grid velocities (i, j, k, 3): on each wall's plane of nodes and all beyond."""
+    pad = grid.padding
+    for axis in (0, 1):
+        low = [slice(None)] * 3
+        low[axis] = slice(None, pad + 1)
+        high = [slice(None)] * 3
+        high[axis] = slice(grid.high[axis], None)
+        _apply_wall(velocity[tuple(low)], axis, 1.0, boundary.sides)
+        _apply_wall(velocity[tuple(high)], axis, -1.0, boundary.sides)
+    _apply_wall(velocity[:, :, : pad + 1], 2, 1.0, boundary.floor)
+
+
+def _apply_wall(velocity: Float64Array, axis: int, inward: float, wall: Wall) -> None:
+    """Act on a block of nodes: no penetration, free separation, and Coulomb friction from the normal impulse."""
+    if wall.kind == "stick":
+        velocity[:] = 0
+        return
+    approach = -inward * velocity[..., axis]
+    touching = approach > 0
+    velocity[..., axis][touching] = 0
+    if wall.kind == "friction":
+        speed = np.linalg.norm(velocity, axis=-1)
+        kept = 1 - np.divide(wall.friction * approach, speed, out=np.ones_like(speed), where=speed > 0)
+        velocity *= np.where(touching, np.maximum(kept, 0), 1)[..., None]
+
+
+def grid_to_particles(
+    state: Particles, stencil: Stencil, velocity: Float64Array, sand: Sand, grid: Grid, time_step: float
+) -> None:
+    """Gather velocities, move the particles, strain them and let them yield, in place."""
+    shares = stencil.weights[:, :, None] * velocity[stencil.nodes]
+    state.velocities = shares.sum(axis=1)
+    state.velocity_gradients = (4 / grid.spacing**2) * np.einsum("pni,pnj->pij", shares, stencil.arms)
+    change = np.eye(3) + time_step * state.velocity_gradients
+    state.deformation_gradients = change @ state.deformation_gradients
+    state.elastic, state.volume_corrections = return_mapping(change @ state.elastic, state.volume_corrections, sand)
+    moved = state.positions + time_step * state.velocities
+    low = np.array(grid.origin) + grid.spacing
+    high = np.array(grid.origin) + grid.spacing * (np.array(grid.shape) - 2)
+    state.held |= ((moved < low) | (moved > high)).any(axis=1)
+    state.positions = np.clip(moved, low, high)
+
+
+def bound_stretch(deformation_gradients: Float64Array) -> None:
+    """Hold, in place, the principal stretches of the rendering frames (n, 3, 3) between the renderer's bounds."""
+    low, high = STRETCH_BOUNDS
+    left, stretches, right = np.linalg.svd(deformation_gradients)
+    outside = ((stretches < low) | (stretches > high)).any(axis=1)
+    bounded = np.clip(stretches[outside], low, high)
+    deformation_gradients[outside] = (left[outside] * bounded[:, None, :]) @ right[outside]

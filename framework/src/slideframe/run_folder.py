@@ -1,0 +1,230 @@
+"""What a run leaves for people: one folder with the figures, the film, the recording and exchange files.
+
+run.toml        the resolved configuration; runs the same again
+result.json     each stage's figures under its kind
+log.jsonl       everything that was logged
+film.mp4        H.264, plays in real time
+recording.rrd   every product, for the rerun viewer
+splats.ply      the reconstruction, in the layout that splat viewers read
+cameras/        COLMAP text model
+particles/      -> the solver's frames in the store, one folder of .npy files each
+"""
+
+import fcntl
+import json
+import logging
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from slideframe.bench import Bench
+from slideframe.config import RunConfig, write_toml
+from slideframe.errors import StoreError
+from slideframe.motion import measure
+from slideframe.stages import StageKind
+from slideframe.store import storing
+
+if TYPE_CHECKING:
+    from slideframe.record import Eye
+
+RESULT, CONFIG, LOG, FILM, RECORDING = "result.json", "run.toml", "log.jsonl", "film.mp4", "recording.rrd"
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """The folder of one run."""
+
+    folder: Path
+
+    def open(self, config: RunConfig) -> None:
+        """Make the folder and write the resolved config."""
+        with storing(self.folder):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            write_toml(config, self.folder / CONFIG)
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the folder, so that two runs never write into it at once.
+
+        Raises:
+            StoreError: another run holds it.
+        """
+        with storing(self.folder):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            handle = (self.folder / ".lock").open("w")
+        with handle:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise StoreError(
+                    "another run is writing into this folder",
+                    where=str(self.folder),
+                    cure="wait for it, or name another --out",
+                ) from error
+            yield
+
+    def is_current(self, bench: Bench, film: bool) -> bool:
+        """Whether the folder already holds everything of these very results."""
+        files = [RESULT, RECORDING] + [FILM] * (film and "renderer" in bench.results)
+        if not all((self.folder / name).is_file() for name in files):
+            return False
+        stored = json.loads((self.folder / RESULT).read_text(encoding="utf-8"))
+        return bool(stored["keys"] == _keys(bench))
+
+    def deliver(
+        self, config: RunConfig, bench: Bench, film: bool, progress: Callable[[str, float, float], None]
+    ) -> None:
+        """Write everything that the results at hand allow; `result.json` last."""
+        with storing(self.folder):
+            (self.folder / RESULT).unlink(missing_ok=True)
+        self._exchange_files(bench)
+        if film and "renderer" in bench.results:
+            self._film(config, bench, progress)
+        result = self._result(config, bench)
+        result["recording"]["thinned"] = self._recording(config, bench, result, progress)
+        with storing(self.folder):
+            partial = self.folder / f"{RESULT}.partial"
+            partial.write_text(json.dumps(result, indent=1, allow_nan=False), encoding="utf-8")
+            partial.rename(self.folder / RESULT)
+
+    def _exchange_files(self, bench: Bench) -> None:
+        from slideframe.formats.colmap import write_colmap_text
+        from slideframe.formats.splat_ply import write_splat_ply
+
+        with storing(self.folder):
+            if "pose_source" in bench.results:
+                write_colmap_text(bench.results["pose_source"].value, self.folder / "cameras")
+            if "reconstructor" in bench.results:
+                write_splat_ply(self.folder / "splats.ply", bench.results["reconstructor"].value)
+            if "solver" in bench.results:
+                link = self.folder / "particles"
+                link.unlink(missing_ok=True)
+                link.symlink_to(bench.results["solver"].entry.folder.resolve(), target_is_directory=True)
+
+    def _film(self, config: RunConfig, bench: Bench, progress: Callable[[str, float, float], None]) -> None:
+        from slideframe.formats.video import write_mp4
+
+        pictures = bench.results["renderer"].value
+
+        def counted() -> Iterator[Any]:
+            for index, picture in enumerate(pictures):
+                yield picture
+                progress("film", index + 1, len(pictures))
+
+        write_mp4(counted(), self.folder / FILM, config.simulation.frame_rate)
+
+    def _recording(
+        self, config: RunConfig, bench: Bench, result: Mapping[str, Any], progress: Callable[[str, float, float], None]
+    ) -> list[str]:
+        from slideframe import record
+
+        results = bench.results
+        values = {kind: results[kind].value for kind in results}
+        thinned: list[str] = []
+        with storing(self.folder):
+            recording = record.Recording(self.folder / RECORDING, self.folder.name, self._eye(config, values))
+            if "pose_source" in values:
+                record.log_survey(recording.stream, values["pose_source"])
+            if "reconstructor" in values:
+                record.log_splats(recording.stream, values["reconstructor"])
+            if "volume_filler" in values:
+                record.log_filling(recording.stream, values["volume_filler"])
+            if "solver" in values:
+                thinned = record.log_motion(
+                    recording.stream,
+                    values["reconstructor"],
+                    values["volume_filler"],
+                    values["solver"],
+                    config.simulation_problem,
+                    lambda done, total: progress("recording", done, total),
+                )
+            if "renderer" in values:
+                record.log_film(recording.stream, values["renderer"])
+            toml = (self.folder / CONFIG).read_text(encoding="utf-8")
+            record.log_report(recording.stream, result_table(result, thinned), toml)
+            recording.close()
+        return thinned
+
+    def _eye(self, config: RunConfig, values: Mapping[StageKind, Any]) -> "Eye | None":
+        """Look from where the film begins, once it is known where the mass lies."""
+        from slideframe.record import Eye
+
+        if "volume_filler" not in values:
+            return None
+        positions = values["volume_filler"].particle_positions
+        bounds = np.stack([positions.min(axis=0), positions.max(axis=0)])
+        _, pose = config.view_problem.camera(0.0, bounds)
+        return Eye(tuple(pose[:, 3]), tuple(bounds.mean(axis=0)))
+
+    def _result(self, config: RunConfig, bench: Bench) -> dict[str, Any]:
+        result: dict[str, Any] = {"keys": _keys(bench), "recording": {}}
+        for kind, keyed in bench.results.items():
+            manifest = keyed.entry.manifest
+            distribution, plugin, version = manifest["made_from"]["plugin"]
+            result[kind] = {
+                "plugin": plugin,
+                "distribution": f"{distribution} {version}",
+                "computed_in_this_run": kind in bench.computed,
+                **manifest["figures"],
+                "warnings": manifest["warnings"],
+            }
+        if "solver" in bench.results:
+            last = measure(
+                bench.results["solver"].value[-1], bench.results["volume_filler"].value, config.simulation_problem
+            )
+            result["solver"] |= {f"final_{name}": value for name, value in vars(last).items()}
+        return result
+
+
+def result_table(result: Mapping[str, Any], thinned: list[str]) -> str:
+    """Return the figures of `result.json` as markdown tables, one for each stage."""
+    lines = ["# Result"]
+    for kind, figures in result.items():
+        if kind in ("keys", "recording"):
+            continue
+        lines += [f"\n## {kind}", "", "| figure | value |", "|---|---|"]
+        lines += [f"| {name} | {_shown(value)} |" for name, value in figures.items() if name != "warnings"]
+        lines += [f"\n> {warning}" for warning in figures["warnings"]]
+    lines += [f"\n{sentence}; the store holds all." for sentence in thinned]
+    return "\n".join(lines)
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _keys(bench: Bench) -> dict[StageKind, str]:
+    return {kind: keyed.key for kind, keyed in bench.results.items()}
+
+
+class JsonLines(logging.Handler):
+    """Writes each log record as one JSON object a line."""
+
+    def __init__(self, path: Path) -> None:
+        """Append to the file at `path`."""
+        super().__init__()
+        with storing(path):
+            self._stream = path.open("a", encoding="utf-8")
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write one record, traceback included."""
+        entry = {
+            "time": time.strftime("%Y-%m-%dT%H:%M:%S%z", time.localtime(record.created)),
+            "level": record.levelname.lower(),
+            "logger": record.name,
+            "message": record.getMessage(),
+        }
+        if record.exc_info:
+            entry["traceback"] = logging.Formatter().formatException(record.exc_info)
+        self._stream.write(json.dumps(entry) + "\n")
+        self._stream.flush()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._stream.close()
+        super().close()

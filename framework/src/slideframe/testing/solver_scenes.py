@@ -1,0 +1,83 @@
+"""Small problems for solvers: a block of sand in a box."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from slideframe.arrays import Float32Array
+from slideframe.problem import Boundary, Region, Sand, Simulation, SimulationProblem, Vector, Wall
+from slideframe.products import Filling, SplatCloud
+
+# Soft enough for large substeps, stiff enough to settle by less than a percent.
+YOUNGS_MODULUS = 1e6
+GRAVITY = (0.0, 0.0, -9.81)
+
+
+def sand_problem(
+    *,
+    size: tuple[float, float] = (4.0, 1.0),
+    spacing: float = 0.25,
+    duration: float = 0.2,
+    frame_rate: float = 10.0,
+    gravity: Vector = GRAVITY,
+    friction_angle: float = 30.0,
+    poisson_ratio: float = 0.3,
+    youngs_modulus: float = YOUNGS_MODULUS,
+    sides: Wall | None = None,
+    floor: Wall | None = None,
+    precision: str = "float32",
+) -> SimulationProblem:
+    """Return sand of 2000 kg/m3 in a box from (0, 0, 0) to `size`, m."""
+    return SimulationProblem(
+        region=Region(x_min=0, x_max=size[0], y_min=0, y_max=size[1], z_min=0),
+        material=Sand(
+            friction_angle=friction_angle,
+            density=2000,
+            youngs_modulus=youngs_modulus,
+            poisson_ratio=poisson_ratio,
+        ),
+        boundary=Boundary(sides=sides or Wall(), floor=floor or Wall()),
+        simulation=Simulation.model_validate(
+            {
+                "duration": duration,
+                "frame_rate": frame_rate,
+                "grid_spacing": spacing,
+                "gravity": gravity,
+                "precision": precision,
+            }
+        ),
+    )
+
+
+def block_filling(low: Sequence[float], high: Sequence[float], *, particle_spacing: float = 0.125) -> Filling:
+    """Return a lattice of particles that fills the box from `low` to `high`, m."""
+    axes = [
+        np.arange(start + particle_spacing / 2, end, particle_spacing) for start, end in zip(low, high, strict=True)
+    ]
+    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return filling_of(lattice.astype(np.float32), particle_spacing**3)
+
+
+def filling_of(positions: Float32Array, particle_volume: float) -> Filling:
+    """Return particles (n, 3), m, without splats or surface."""
+    return Filling(
+        particle_positions=positions,
+        particle_volumes=np.full(len(positions), particle_volume, np.float32),
+        interior=no_splats(),
+        interior_particles=np.zeros(0, np.int32),
+        surface_particles=np.zeros(0, np.int32),
+        surface_vertices=np.zeros((0, 3), np.float32),
+        surface_triangles=np.zeros((0, 3), np.int32),
+        surface_support=np.zeros(0, np.uint8),
+    )
+
+
+def no_splats() -> SplatCloud:
+    """Return an empty cloud."""
+    return SplatCloud(
+        centers=np.zeros((0, 3), np.float32),
+        rotations=np.zeros((0, 4), np.float32),
+        scales=np.zeros((0, 3), np.float32),
+        opacities=np.zeros(0, np.float32),
+        harmonics=np.zeros((0, 1, 3), np.float32),
+    )

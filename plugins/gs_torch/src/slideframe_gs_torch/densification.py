@@ -1,0 +1,82 @@
+"""More splats where the picture asks for them, up to a fixed budget."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from slideframe_gs_torch.optimiser import Adam
+from slideframe_gs_torch.parameters import Parameters
+from slideframe_gs_torch.reference import rotation_matrices
+
+# Fainter splats are taken away and put to use elsewhere.
+DEAD_OPACITY = 0.02
+# A split puts two children at +-0.8 sigma of the longest axis, each 0.6 sigma long there: 0.8^2 + 0.6^2 = 1
+# keeps the covariance of the pair that of the parent, and makes needles shorter instead of breeding them.
+SPLIT_OFFSET, SPLIT_SHRINK = 0.8, 0.6
+# Two children of 0.6 the size hold the parent's opacity in sum when each has 1 / 1.2 of it.
+SPLIT_OPACITY = 1 / (2 * SPLIT_SHRINK)
+
+
+@dataclass
+class Schedule:
+    """When to densify and how many splats there may be by then."""
+
+    iterations: int
+    start_count: int
+    budget: int
+
+    FIRST_SHARE, LAST_SHARE, ROUNDS = 0.05, 0.6, 25
+
+    @property
+    def interval(self) -> int:
+        """Iterations between two rounds."""
+        return max(1, round((self.LAST_SHARE - self.FIRST_SHARE) * self.iterations / self.ROUNDS))
+
+    def is_due(self, iteration: int) -> bool:
+        """Whether splats are split after this iteration, which counts from 0."""
+        first, last = self.FIRST_SHARE * self.iterations, self.LAST_SHARE * self.iterations
+        return first <= iteration <= last and iteration % self.interval == 0
+
+    def target(self, iteration: int) -> int:
+        """Return the number of splats aimed at: geometric growth from the start to the budget."""
+        share = iteration / self.iterations
+        passed = min(max((share - self.FIRST_SHARE) / (0.9 * (self.LAST_SHARE - self.FIRST_SHARE)), 0), 1)
+        return round(self.start_count * math.pow(self.budget / self.start_count, passed))
+
+
+def densify(parameters: Parameters, adam: Adam, score: Tensor, target: int) -> Parameters:
+    """Split the splats with the highest scores (splat,); dead ones make room first, new rows follow."""
+    raw = {name: tensor.detach() for name, tensor in parameters.raw.items()}
+    opacities = raw["logits"].sigmoid()
+    dead = torch.nonzero(opacities < DEAD_OPACITY)[:, 0]
+    wanted = max(target - len(parameters), 0) + len(dead)
+    candidates = torch.where(opacities < DEAD_OPACITY, -1.0, score)
+    ranked = torch.argsort(candidates, descending=True, stable=True)
+    parents = ranked[: min(wanted, int((candidates > 0).sum()))]
+    into_dead = dead[: len(parents)]
+    added = len(parents) - len(into_dead)
+    first, second = split(raw, parents)
+    for name, tensor in raw.items():
+        tensor[parents] = first[name]
+        tensor[into_dead] = second[name][: len(into_dead)]
+        raw[name] = torch.cat([tensor, second[name][len(into_dead) :]])
+    adam.forget(torch.cat([parents, into_dead]), added)
+    return Parameters({name: tensor.requires_grad_() for name, tensor in raw.items()})
+
+
+def split(raw: dict[str, Tensor], parents: Tensor) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
+    """Return the two children of each parent along its longest axis."""
+    child = {name: tensor[parents].clone() for name, tensor in raw.items()}
+    rows = torch.arange(len(parents))
+    longest = child["log_scales"].argmax(dim=1)
+    length = child["log_scales"][rows, longest].exp()
+    axis = rotation_matrices(child["rotations"])[rows, :, longest]
+    offset = SPLIT_OFFSET * length[:, None] * axis
+    child["log_scales"][rows, longest] += math.log(SPLIT_SHRINK)
+    child["logits"] = torch.logit(child["logits"].sigmoid() * SPLIT_OPACITY)
+    other = {name: tensor.clone() for name, tensor in child.items()}
+    child["centers"] += offset
+    other["centers"] -= offset
+    return child, other

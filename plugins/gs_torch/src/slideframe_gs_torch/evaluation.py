@@ -1,0 +1,49 @@
+"""How well splats resemble photographs that they were not trained on."""
+
+from dataclasses import dataclass
+
+import torch
+
+from slideframe.products import SplatCloud
+from slideframe_gs_torch.harmonics import evaluate_harmonics
+from slideframe_gs_torch.image_loss import structural_similarity
+from slideframe_gs_torch.rasterize import rasterize
+from slideframe_gs_torch.views import TrainingView
+
+# 8-bit pictures can't differ by less than this mean square; an exact match would be infinite decibels.
+SMALLEST_SQUARE = 1e-10
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """Peak signal-to-noise ratio, dB, and structural similarity of one view."""
+
+    psnr: float
+    ssim: float
+
+
+def draw_view(splats: SplatCloud, view: TrainingView, background: tuple[float, float, float]) -> torch.Tensor:
+    """Return the splats as the view's camera sees them, (3, height, width), 0 to 1."""
+    centers, rotations, scales, opacities, harmonics = (
+        torch.tensor(array)
+        for array in (splats.centers, splats.rotations, splats.scales, splats.opacities, splats.harmonics)
+    )
+    viewpoint = torch.tensor(view.world_from_camera[:, 3], dtype=torch.float32)
+    colours = evaluate_harmonics(harmonics, centers - viewpoint)
+    raster = rasterize(
+        centers, rotations, scales, opacities, colours,
+        camera=view.camera, world_from_camera=view.world_from_camera, background=background,
+    )  # fmt: skip
+    return raster.colour.permute(2, 0, 1).clamp(0, 1)
+
+
+def likeness(splats: SplatCloud, view: TrainingView, background: tuple[float, float, float]) -> Likeness:
+    """Compare the splats with one photograph, where its lens saw something."""
+    drawn, truth = draw_view(splats, view, background), view.truth
+    if view.mask is not None:
+        drawn = torch.where(view.mask, drawn, truth)
+    square = (drawn - truth).double().square().sum() / (
+        3 * (truth[0].numel() if view.mask is None else view.mask.sum())
+    )
+    psnr = -10 * torch.log10(square.clamp_min(SMALLEST_SQUARE))
+    return Likeness(float(psnr), structural_similarity(drawn, truth))

@@ -1,0 +1,45 @@
+"""The reconstructor stage; its backend is imported only when it computes."""
+
+from typing import Annotated, ClassVar
+
+from pydantic import AfterValidator, Field
+
+from slideframe.products import SplatCloud, Survey
+from slideframe.stages import Context, Reconstructor
+
+
+def _not_all(hold_out_every: int) -> int:
+    if hold_out_every == 1:
+        raise ValueError("1 would hold every photograph out: give 0 for none, or 2 or more")
+    return hold_out_every
+
+
+class TorchSplats(Reconstructor):
+    """Optimises low-anisotropy 3D Gaussian splats by gradient descent on the photographs."""
+
+    name: ClassVar[str] = "gs_torch"
+    backend: ClassVar[tuple[str, ...]] = ("torch", "numba")
+
+    iterations: int = Field(default=2000, ge=1, le=1_000_000, description="photographs shown, one per iteration")
+    splat_budget: int = Field(
+        default=100_000, ge=100, le=10_000_000, description="most splats that densification makes"
+    )
+    image_width: int = Field(
+        default=640, ge=16, le=16_384, description="px that photographs are reduced to for training"
+    )
+    harmonics_degree: int = Field(default=1, ge=0, le=3, description="degree of the view-dependent colour")
+    anisotropy_limit: float = Field(default=3.0, gt=1, le=100, description="r: largest ratio of a splat's scales")
+    anisotropy_weight: float = Field(default=0.1, ge=0, description="lambda of the anisotropy loss")
+    ssim_weight: float = Field(default=0.2, ge=0, le=1, description="share of 1 - SSIM in the image loss, beside L1")
+    hold_out_every: Annotated[int, AfterValidator(_not_all)] = Field(
+        default=8, ge=0, description="every n-th photograph only measures; 0: all train"
+    )
+    background: tuple[float, float, float] = Field(
+        default=(0.62, 0.74, 0.86), description="sRGB, 0 to 1, seen where no splat is, such as the sky"
+    )
+
+    def reconstruct(self, survey: Survey, context: Context) -> SplatCloud:
+        """Return the splats of the scene as photographed."""
+        from slideframe_gs_torch.training import train
+
+        return train(self, survey, context)

@@ -1,0 +1,82 @@
+"""The photographs as training sees them: undistorted, reduced, and halved for the start."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from slideframe.arrays import Float64Array
+from slideframe.errors import InputError
+from slideframe.photographs import load_photograph
+from slideframe.products import Camera, Survey
+from slideframe.stages import Context
+
+# A reduced photograph narrower than this says too little to train on.
+NARROWEST = 64
+
+
+@dataclass(frozen=True)
+class TrainingView:
+    """One photograph: pixels (3, height, width) uint8, mask (height, width) or None, camera and pose."""
+
+    name: str
+    pixels: Tensor
+    mask: Tensor | None
+    camera: Camera
+    world_from_camera: Float64Array
+
+    @property
+    def truth(self) -> Tensor:
+        """Colours from 0 to 1."""
+        return self.pixels.float().div_(255)
+
+    def reduced(self, factor: int) -> "TrainingView":
+        """Return the view with blocks of factor x factor pixels averaged; odd edges are cut off."""
+        if factor == 1 or self.camera.width // factor < NARROWEST:
+            return self
+        height, width = self.camera.height // factor, self.camera.width // factor
+        cut = self.pixels[:, : height * factor, : width * factor].float()
+        pixels = torch.nn.functional.avg_pool2d(cut[None], factor)[0].round().to(torch.uint8)
+        camera = self.camera.model_copy(
+            update={
+                "width": width,
+                "height": height,
+                "focal_x": self.camera.focal_x / factor,
+                "focal_y": self.camera.focal_y / factor,
+                "principal_x": self.camera.principal_x / factor,
+                "principal_y": self.camera.principal_y / factor,
+            }
+        )
+        mask = None
+        if self.mask is not None:
+            blocks = self.mask[: height * factor, : width * factor].reshape(height, factor, width, factor)
+            mask = blocks.all(dim=3).all(dim=1)
+        return TrainingView(self.name, pixels, mask, camera, self.world_from_camera)
+
+
+def load_views(survey: Survey, width: int, context: Context) -> list[TrainingView]:
+    """Read every photograph at training size.
+
+    Raises:
+        InputError: there is none, or one can't be read.
+    """
+    count = len(survey.photographs)
+    if count == 0:
+        raise InputError(
+            "the survey has no photographs", cure="give a folder with at least two overlapping photographs"
+        )
+    views = []
+    for index in range(count):
+        pixels, camera, mask = load_photograph(survey, index, width=width)
+        planes = torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1)))
+        views.append(
+            TrainingView(
+                survey.photographs[index].name,
+                planes,
+                None if mask is None else torch.from_numpy(mask),
+                camera,
+                survey.world_from_camera[index],
+            )
+        )
+    return views

@@ -1,0 +1,55 @@
+"""The stage `mpm_taichi`."""
+
+from collections.abc import Iterator
+from typing import ClassVar
+
+import numpy as np
+
+from slideframe.device import Device
+from slideframe.guards import Pace, check_memory, check_motion, check_spacing, check_start, start_frame
+from slideframe.problem import ProblemModel, SimulationProblem
+from slideframe.products import Filling, ParticleFrame
+from slideframe.stages import Context, Solver
+
+# Often enough to stop a lost simulation early, seldom enough to cost nothing.
+SUBSTEPS_BETWEEN_CHECKS = 32
+
+
+class TaichiSolver(Solver):
+    """Explicit MLS-MPM on the CPU's cores or an NVIDIA card by Taichi."""
+
+    name = "mpm_taichi"
+    backend: ClassVar[tuple[str, ...]] = ("taichi",)
+    devices: ClassVar[frozenset[str]] = frozenset({"cpu", "cuda"})
+
+    def preflight(self, problem: ProblemModel, device: Device) -> None:
+        """Refuse a grid that can't resolve the region."""
+        if isinstance(problem, SimulationProblem):
+            check_spacing(problem)
+
+    def solve(self, filling: Filling, problem: SimulationProblem, context: Context) -> Iterator[ParticleFrame]:
+        """Yield the motion; on the CPU the same input gives the same bits, whatever the number of threads."""
+        from slideframe_mpm_taichi.runtime import session
+        from slideframe_mpm_taichi.stepper import REALS_PER_NODE, REALS_PER_PARTICLE, Stepper
+
+        grid = check_start(filling, problem)
+        simulation, particle_count = problem.simulation, len(filling.particle_positions)
+        reals = particle_count * REALS_PER_PARTICLE + grid.node_count * REALS_PER_NODE
+        check_memory(reals * np.dtype(simulation.precision).itemsize, grid, particle_count)
+        time_step, substeps = problem.time_step(grid)
+        mass = problem.material.density * float(filling.particle_volumes.sum(dtype=np.float64))
+        pace = Pace(context, simulation.frame_count, particle_count, mass, time_step)
+        yield start_frame(filling)
+
+        with session(context.device, simulation.precision):
+            stepper = Stepper(filling, problem, grid, context.device)
+            for frame in range(1, simulation.frame_count):
+                with pace:
+                    for substep in range(1, substeps + 1):
+                        stepper.substep()
+                        if substep % SUBSTEPS_BETWEEN_CHECKS == 0 or substep == substeps:
+                            now = (frame - 1) / simulation.frame_rate + substep * time_step
+                            check_motion(*stepper.motion(), now, grid, time_step)
+                product = stepper.frame(frame / simulation.frame_rate)
+                pace.frame_done(frame, substeps, product.escaped)
+                yield product

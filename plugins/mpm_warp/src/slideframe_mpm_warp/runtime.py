@@ -1,0 +1,67 @@
+"""Warp's global state: the kernels of each precision, compiled once a process, and silence while they load."""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from functools import cache
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+
+
+@cache
+def kernels_in(precision: str, device: str) -> ModuleType:
+    """Return the kernel module with `Real` set to `precision`, compiled for `device`."""
+    with _quiet():
+        import warp as wp
+
+        # on a machine without a card Warp's library says so to stderr, whatever its log level
+        with _silent_stderr() if device == "cpu" else nullcontext():
+            wp.init()  # type: ignore[no-untyped-call]
+        kernels = _module_in(precision)
+        wp.load_module(kernels, device=device)
+    return kernels
+
+
+@cache
+def _module_in(precision: str) -> ModuleType:
+    """Execute `kernels.py` under a name of its own, since Warp keeps the functions of one module name together."""
+    import warp as wp
+
+    name = f"slideframe_mpm_warp.kernels_{precision}"
+    specification = spec_from_file_location(name, Path(__file__).with_name("kernels.py"))
+    assert specification is not None
+    assert specification.loader is not None
+    module = module_from_spec(specification)
+    module.__dict__["Real"] = getattr(wp, precision)
+    sys.modules[name] = module
+    specification.loader.exec_module(module)
+    return module
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Let Warp report errors only, and give its settings back."""
+    import warp as wp
+
+    level = wp.config.log_level
+    wp.config.log_level = wp.LOG_ERROR
+    try:
+        yield
+    finally:
+        wp.config.log_level = level
+
+
+@contextmanager
+def _silent_stderr() -> Iterator[None]:
+    """Send what native code writes to the process's stderr nowhere."""
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)

@@ -1,0 +1,156 @@
+"""What enters the survey: the photographs found, read, and sorted out by their metadata."""
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from slideframe.errors import InputError
+from slideframe.stages import Context
+from slideframe_pose_rtk.intrinsics import camera_of
+from slideframe_pose_rtk.metadata import PhotoRecord, read_record
+
+SUFFIXES = frozenset({".jpg", ".jpeg"})
+LEAST_PHOTOGRAPHS = 3  # two rays per point leave the shape of the ground along the base line undetermined
+LEAST_EXTENT = 1.0  # m; from closer together, depth can't be told from noise
+SITE_RADIUS = 5000.0  # m; a position farther from the median one belongs to another place
+METERS_PER_DEGREE = 111_320.0  # of latitude
+
+
+def photograph_files(folder: Path) -> list[Path]:
+    """Return the JPEG files under a folder, in the order of their relative paths.
+
+    Raises:
+        InputError: the folder is missing, or holds no photographs.
+    """
+    if not folder.is_dir():
+        raise InputError(
+            "the folder of photographs doesn't exist" if not folder.exists() else "photographs must name a folder",
+            where=str(folder),
+            cure="give the folder that holds the drone's JPEG files",
+        )
+    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+    if not files:
+        raise InputError(
+            "the folder holds no photographs",
+            where=str(folder),
+            cure="put the drone's .jpg files there, as the camera wrote them",
+        )
+    return files
+
+
+def require_some_located(files: Iterable[Path], folder: Path) -> None:
+    """Read until three photographs with a position are found.
+
+    Raises:
+        InputError: there are fewer.
+    """
+    located = 0
+    for path in files:
+        try:
+            located += is_located(read_record(path))
+        except InputError:
+            continue
+        if located == LEAST_PHOTOGRAPHS:
+            return
+    raise _too_few(located, "with a position in their metadata", folder)
+
+
+def is_located(record: PhotoRecord) -> bool:
+    """Tell whether the metadata holds latitude, longitude and height."""
+    return record.latitude is not None and record.height is not None
+
+
+def admit(files: Sequence[Path], folder: Path, context: Context) -> tuple[list[PhotoRecord], list[str]]:
+    """Return the usable records and their files' SHA-256, warning by name of what is left out and why.
+
+    Raises:
+        InputError: fewer than three photographs are usable, or all were taken from one point.
+    """
+    records, digests = _readable(files, context)
+    kept = np.array([is_located(record) for record in records], bool)
+    _warn_without(records, kept, "no latitude, longitude and height in their metadata", context)
+    near = kept.copy()
+    near[kept] = _near_the_site([record for record, keep in zip(records, kept, strict=True) if keep])
+    _warn_without(records, near | ~kept, f"more than {SITE_RADIUS / 1000:.0f} km from the others", context)
+    records = [record for record, keep in zip(records, near, strict=True) if keep]
+    require_enough(len(records), "with a usable position", folder)
+    return records, [digest for digest, keep in zip(digests, near, strict=True) if keep]
+
+
+def require_enough(count: int, what: str, folder: Path) -> None:
+    """Refuse fewer than three photographs.
+
+    Raises:
+        InputError: there are fewer.
+    """
+    if count < LEAST_PHOTOGRAPHS:
+        raise _too_few(count, what, folder)
+
+
+def require_baseline(positions: np.ndarray, folder: Path) -> None:
+    """Refuse photographs (photograph, 3), m, taken from one point, which show no depth.
+
+    Raises:
+        InputError: they lie within a metre.
+    """
+    extent = float(np.linalg.norm(np.ptp(positions, axis=0)))
+    if extent < LEAST_EXTENT:
+        raise InputError(
+            f"all photographs were taken from one point (their positions lie within {extent:.2f} m)",
+            where=str(folder),
+            cure="photograph the slope from several places, with an overlap of 70 % or more",
+        )
+
+
+def names(records: Iterable[PhotoRecord], most: int = 5) -> str:
+    """List file names for a message."""
+    all_names = [record.path.name for record in records]
+    more = f" and {len(all_names) - most} more" if len(all_names) > most else ""
+    return ", ".join(all_names[:most]) + more
+
+
+def _too_few(count: int, what: str, folder: Path) -> InputError:
+    return InputError(
+        f"at least {LEAST_PHOTOGRAPHS} photographs {what} are needed, and there are {count}",
+        where=str(folder),
+        cure="add photographs as the drone wrote them; programs that edit or send pictures often remove the position",
+    )
+
+
+def _readable(files: Sequence[Path], context: Context) -> tuple[list[PhotoRecord], list[str]]:
+    """Read every file once, leaving out the unreadable and the repeated."""
+    records: list[PhotoRecord] = []
+    digests: list[str] = []
+    for path in files:
+        try:
+            record, digest = read_record(path), hashlib.sha256(path.read_bytes()).hexdigest()
+            camera_of(record)  # a photograph without a focal length is of no use
+        except InputError as error:
+            context.warn(f"{path.name} is left out: {error.what}")
+            continue
+        if digest in digests:
+            context.warn(f"{path.name} is left out: it's the same file as {records[digests.index(digest)].path.name}")
+            continue
+        records.append(record)
+        digests.append(digest)
+    return records, digests
+
+
+def _near_the_site(records: Sequence[PhotoRecord]) -> np.ndarray:
+    """Return which records lie near the median position."""
+    if not records:
+        return np.zeros(0, bool)
+    places = np.array([(record.latitude, record.longitude) for record in records], np.float64)
+    middle = np.median(places, axis=0)
+    north = places[:, 0] - middle[0]
+    east = ((places[:, 1] - middle[1] + 180.0) % 360.0 - 180.0) * np.cos(np.radians(middle[0]))
+    near: np.ndarray = np.hypot(north, east) * METERS_PER_DEGREE < SITE_RADIUS
+    return near
+
+
+def _warn_without(records: Sequence[PhotoRecord], kept: np.ndarray, reason: str, context: Context) -> None:
+    left_out = [record for record, keep in zip(records, kept, strict=True) if not keep]
+    if left_out:
+        context.warn(f"{len(left_out)} of {len(records)} photographs are left out, {reason}: {names(left_out)}")

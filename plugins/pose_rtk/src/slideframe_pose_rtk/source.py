@@ -1,0 +1,79 @@
+"""The pose source: drone photographs with RTK metadata to a georeferenced survey."""
+
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from pydantic import Field
+
+from slideframe.device import Device
+from slideframe.problem import ProblemModel, Site
+from slideframe.products import Georeference, Survey
+from slideframe.stages import Context, PoseSource
+
+if TYPE_CHECKING:
+    from slideframe_pose_rtk.adjustment import Freedom
+    from slideframe_pose_rtk.flight import Flight
+    from slideframe_pose_rtk.solution import Correspondences
+
+
+class RtkPoses(PoseSource):
+    """Cameras from EXIF and XMP, refined by bundle adjustment with the RTK positions as priors."""
+
+    name = "pose_rtk"
+    backend: ClassVar[tuple[str, ...]] = ("defusedxml", "pyproj", "pycolmap")
+
+    refine: bool = Field(
+        default=True,
+        description="improve the poses by bundle adjustment; false: metadata's poses alone, as in the paper",
+    )
+    focal_length: Literal["auto", "held", "free"] = Field(
+        default="auto",
+        description="auto: adjust it where oblique views or several heights determine it",
+    )
+    feature_limit: int = Field(default=4096, ge=500, le=50_000, description="features sought in a photograph")
+    image_size_limit: int = Field(
+        default=3200, ge=400, le=20_000, description="px; larger photographs are reduced for features"
+    )
+    partners: int = Field(default=10, ge=2, le=200, description="photographs that each one is compared with")
+    origin: Georeference | None = Field(default=None, description="of the local frame; none: the mean of the positions")
+
+    def input_files(self, site: Site) -> Sequence[Path]:
+        """Return the JPEG files under the site's folder."""
+        from slideframe_pose_rtk.intake import photograph_files
+
+        return photograph_files(site.photographs)
+
+    def preflight(self, problem: ProblemModel, device: Device) -> None:
+        """Require a folder with at least three photographs that tell where they were taken."""
+        from slideframe_pose_rtk.intake import photograph_files, require_some_located
+
+        assert isinstance(problem, Site)
+        require_some_located(photograph_files(problem.photographs), problem.photographs)
+
+    def locate(self, site: Site, context: Context) -> Survey:
+        """Read the metadata, place the cameras in the local frame, and refine them."""
+        from slideframe_pose_rtk import solution
+        from slideframe_pose_rtk.flight import plan_flight, require_orientations
+        from slideframe_pose_rtk.intake import LEAST_PHOTOGRAPHS, admit, photograph_files, require_baseline
+        from slideframe_pose_rtk.report import report, survey_of
+
+        folder = site.photographs
+        records, digests = admit(photograph_files(folder), folder, context)
+        flight = plan_flight(records, folder, self.origin, context)
+        require_baseline(flight.positions, folder)
+        require_orientations(flight, LEAST_PHOTOGRAPHS)
+        freedom = solution.choose_freedom(flight, self.focal_length) if self.refine else solution.HELD
+        solve = solution.solve_by_refinement if self.refine else solution.solve_from_metadata
+        with solution.quiet_colmap(), closing(self._correspondences(flight, freedom, context)) as correspondences:
+            solved = solve(correspondences)
+        solution.warn_of_unregistered(flight, solved, context)
+        survey = survey_of(flight, solved, digests)
+        report(flight, solved, survey, context)
+        return survey
+
+    def _correspondences(self, flight: "Flight", freedom: "Freedom", context: Context) -> "Correspondences":
+        from slideframe_pose_rtk.solution import Correspondences
+
+        return Correspondences(flight, freedom, self.feature_limit, self.image_size_limit, self.partners, context)

@@ -1,0 +1,78 @@
+"""Splats survive the trip through a PLY file."""
+
+import numpy as np
+import pytest
+
+from slideframe.errors import InputError
+from slideframe.formats.splat_ply import read_splat_ply, write_splat_ply
+from slideframe.products import SplatCloud
+
+# float32 logarithms and logits and back
+ROUND_TRIP = 2e-6
+
+
+def cloud(count: int = 7, coefficients: int = 16) -> SplatCloud:
+    random = np.random.default_rng(3)
+    rotations = random.normal(size=(count, 4))
+    return SplatCloud(
+        centers=random.normal(size=(count, 3)).astype(np.float32),
+        rotations=(rotations / np.linalg.norm(rotations, axis=1, keepdims=True)).astype(np.float32),
+        scales=random.uniform(0.01, 2, (count, 3)).astype(np.float32),
+        opacities=random.uniform(0.01, 0.99, count).astype(np.float32),
+        harmonics=random.normal(size=(count, coefficients, 3)).astype(np.float32),
+    )
+
+
+@pytest.mark.parametrize("coefficients", [1, 4, 9, 16])
+def test_round_trip(tmp_path, coefficients):
+    splats = cloud(coefficients=coefficients)
+    write_splat_ply(tmp_path / "splats.ply", splats)
+    found = read_splat_ply(tmp_path / "splats.ply")
+    for name in SplatCloud.array_fields():
+        np.testing.assert_allclose(
+            getattr(found, name), getattr(splats, name), rtol=ROUND_TRIP, atol=1e-6, err_msg=name
+        )
+
+
+def test_layout_is_that_of_splat_viewers(tmp_path):
+    """Column order of Kerbl et al.'s writer; the rest of the harmonics goes channel by channel."""
+    splats = cloud(2, 4)
+    path = tmp_path / "splats.ply"
+    write_splat_ply(path, splats)
+    header, body = path.read_bytes().split(b"end_header\n", 1)
+    names = [line.split()[2].decode() for line in header.splitlines() if line.startswith(b"property")]
+    rest = [f"f_rest_{i}" for i in range(9)]
+    scales, rotations = ["scale_0", "scale_1", "scale_2"], ["rot_0", "rot_1", "rot_2", "rot_3"]
+    directions = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
+    assert names == [*directions, *rest, "opacity", *scales, *rotations]
+    table = np.frombuffer(body, "<f4").reshape(2, -1)
+    np.testing.assert_array_equal(table[:, names.index("f_rest_3")], splats.harmonics[:, 1, 1])
+    np.testing.assert_allclose(table[:, names.index("scale_1")], np.log(splats.scales[:, 1]), rtol=ROUND_TRIP)
+
+
+def test_full_and_empty_opacity_stay_finite(tmp_path):
+    splats = cloud(2)
+    splats = splats.model_copy(update={"opacities": np.array([0, 1], np.float32)})
+    write_splat_ply(tmp_path / "splats.ply", splats)
+    np.testing.assert_allclose(read_splat_ply(tmp_path / "splats.ply").opacities, [0, 1], atol=ROUND_TRIP)
+
+
+def cut_short(data: bytes) -> bytes:
+    return data[:-5]
+
+
+def ascii_format(data: bytes) -> bytes:
+    return data.replace(b"binary_little_endian", b"ascii")
+
+
+def without_opacity(data: bytes) -> bytes:
+    return data.replace(b"opacity", b"opaque")
+
+
+@pytest.mark.parametrize("damage", [cut_short, ascii_format, without_opacity])
+def test_other_files_are_refused_by_name(tmp_path, damage):
+    path = tmp_path / "splats.ply"
+    write_splat_ply(path, cloud())
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(InputError, match=r"splats\.ply"):
+        read_splat_ply(path)

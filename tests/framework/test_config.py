@@ -1,0 +1,102 @@
+import tomllib
+
+import pytest
+
+from slideframe.config import RunConfig, apply_override, read_toml, validate, write_toml
+from slideframe.errors import ConfigurationError
+
+MINIMAL = """
+[site]
+photographs = "photos"
+[region]
+x_min = 0.0
+x_max = 9.0
+y_min = 0.0
+y_max = 9.0
+z_min = -5.0
+[material]
+friction_angle = 22
+density = 2000
+youngs_modulus = 5e7
+poisson_ratio = 0.3
+[simulation]
+duration = 1.0
+grid_spacing = 1.0
+"""
+
+
+def content():
+    return tomllib.loads(MINIMAL)
+
+
+def faults(raw) -> str:
+    with pytest.raises(ConfigurationError) as caught:
+        validate(RunConfig, raw, "case.toml")
+    assert caught.value.exit_code == 2
+    return str(caught.value)
+
+
+def test_photographs_are_meant_from_the_file(tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text(MINIMAL)
+    assert read_toml(path)["site"]["photographs"] == str(tmp_path / "photos")
+
+
+def test_unknown_key_names_the_nearest_known_one():
+    raw = content()
+    raw["material"]["frction_angle"] = 30
+    assert "material.frction_angle: unknown key, did you mean 'friction_angle'?" in faults(raw)
+
+
+def test_every_fault_is_told_at_once_with_key_and_rule():
+    raw = content()
+    raw["simulation"]["duration"] = "long"
+    raw["material"]["density"] = -3
+    del raw["region"]["z_min"]
+    text = faults(raw)
+    assert "simulation.duration: Input should be a valid number" in text
+    assert "material.density: Input should be greater than 0 (got -3)" in text
+    assert "region.z_min: required but absent" in text
+    assert "case.toml" in text
+
+
+def test_not_toml_names_the_line(tmp_path):
+    path = tmp_path / "broken.toml"
+    path.write_text("[site\n")
+    with pytest.raises(ConfigurationError, match=r"not TOML: .*line 1"):
+        read_toml(path)
+
+
+def test_absent_file(tmp_path):
+    with pytest.raises(ConfigurationError, match="can't be read"):
+        read_toml(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("assignment", "value"),
+    [
+        ("a.b=3", 3),
+        ("a.b = 1.5", 1.5),
+        ("a.b=true", True),
+        ("a.b=plane_strain", "plane_strain"),
+        ("a.b=[1, 2]", [1, 2]),
+    ],
+)
+def test_override_reads_the_value_as_toml_else_as_text(assignment, value):
+    raw = {}
+    apply_override(raw, assignment)
+    assert raw == {"a": {"b": value}}
+
+
+@pytest.mark.parametrize("assignment", ["nothing", "=3", "seed.x=3"])
+def test_bad_override(assignment):
+    with pytest.raises(ConfigurationError):
+        apply_override({"seed": 1}, assignment)
+
+
+def test_resolved_config_runs_the_same_again(tmp_path):
+    config = validate(RunConfig, content() | {"plugins": {"mpm_warp": {"x": 1}}}, "case")
+    write_toml(config, tmp_path / "run.toml")
+    assert validate(RunConfig, read_toml(tmp_path / "run.toml"), "again").model_dump() == (
+        config.model_dump() | {"site": {"photographs": tmp_path / "photos"}}
+    )

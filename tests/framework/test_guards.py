@@ -1,0 +1,74 @@
+"""Bad starts and lost simulations are named before or as soon as they harm."""
+
+import numpy as np
+import pytest
+
+from slideframe import guards
+from slideframe.errors import ConfigurationError, InputError, StageFailed
+from slideframe.reference.solver import ReferenceSolver
+from slideframe.testing.evidence import fresh_context
+from slideframe.testing.solver_scenes import block_filling, filling_of, sand_problem
+
+
+def test_particles_outside_are_named():
+    filling = block_filling((3.5, 0.0, 0.0), (4.5, 0.5, 0.5))
+    with pytest.raises(InputError, match=r"64 of 128 particles.*particle 64 at \(4\.062"):
+        guards.check_start(filling, sand_problem())
+
+
+def test_particles_on_the_wall_are_inside():
+    filling = filling_of(np.float32([[0, 0, 0], [4, 1, 3]]), 1e-3)
+    assert guards.check_start(filling, sand_problem()).spacing == 0.25
+
+
+def test_a_volume_of_zero_is_named():
+    filling = block_filling((0, 0, 0), (1, 1, 0.5))
+    volumes = filling.particle_volumes.copy()
+    volumes[7] = 0
+    with pytest.raises(InputError, match="particle 7"):
+        guards.check_start(filling.model_copy(update={"particle_volumes": volumes}), sand_problem())
+
+
+def test_cells_larger_than_the_region_are_refused_at_preflight():
+    with pytest.raises(ConfigurationError, match="two cells"):
+        ReferenceSolver().preflight(sand_problem(spacing=0.6), None)
+
+
+def test_too_much_memory_is_refused():
+    grid = sand_problem().grid(np.zeros((1, 3), np.float32))
+    with pytest.raises(ConfigurationError, match=r"about 9000\.0 GB"):
+        guards.check_memory(9e12, grid, 10)
+    guards.check_memory(1e6, grid, 10)
+
+
+def test_physical_memory_is_the_answer_without_proc(monkeypatch):
+    monkeypatch.setattr(guards.Path, "read_text", lambda *args, **kwargs: (_ for _ in ()).throw(OSError()))
+    assert guards.available_memory() > 1e8
+
+
+@pytest.mark.parametrize("speed", [np.nan, np.inf, 1e6])
+def test_a_lost_particle_is_named(speed):
+    grid = sand_problem().grid(np.zeros((1, 3), np.float32))
+    velocities = np.zeros((5, 3))
+    velocities[3, 1] = speed
+    with pytest.raises(StageFailed, match=r"particle 3 at \(0\.000, 0\.000, 0\.000\) m.*\n.*t = 0\.25 s"):
+        guards.check_motion(np.zeros((5, 3)), velocities, 0.25, grid, 1e-3)
+
+
+def test_frames_before_a_failure_are_kept(tmp_path):
+    """Gravity of a neutron star: the first substeps hold, the next ones don't."""
+    problem = sand_problem(duration=0.1, frame_rate=1000.0)
+    wild = problem.model_copy(
+        update={"simulation": problem.simulation.model_copy(update={"gravity": (0.0, 0.0, -1e6)})}
+    )
+    steady = problem.time_step(problem.grid(np.float32([[0, 0, 1]])))
+
+    class Hasty(type(wild)):
+        def time_step(self, grid):
+            return steady
+
+    hasty = Hasty.model_validate(dict(wild))
+    frames = ReferenceSolver().solve(block_filling((1, 0.25, 0.5), (2, 0.75, 1)), hasty, fresh_context(tmp_path))
+    assert next(frames).time == 0
+    with pytest.raises(StageFailed, match="blew up"):
+        list(frames)

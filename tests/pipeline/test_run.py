@@ -1,0 +1,279 @@
+"""`slideframe run` as its users meet it: in a process of its own, with quick stand-in stages."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+CONFIG = """
+[site]
+photographs = "photographs"
+[region]
+x_min = 0.0
+x_max = 9.0
+y_min = 0.0
+y_max = 9.0
+z_min = -5.0
+[material]
+friction_angle = 22
+density = 2000
+youngs_modulus = 5e7
+poisson_ratio = 0.3
+[simulation]
+duration = 0.4
+grid_spacing = 2.0
+[view]
+width = 32
+height = 32
+[stages]
+pose_source = "standin_poses"
+reconstructor = "standin_splats"
+volume_filler = "standin_filler"
+solver = "standin_solver"
+renderer = "standin_renderer"
+"""
+ALL = ["standin_poses", "standin_splats", "standin_filler", "standin_solver", "standin_renderer"]
+
+
+class Workplace:
+    """A folder with photographs and a config, and the command line in it."""
+
+    def __init__(self, folder: Path, site: Path) -> None:
+        self.folder = folder
+        self.calls_file = folder / "calls"
+        paths = [str(site), os.environ.get("PYTHONPATH", "")]
+        self.environment = os.environ | {
+            "PYTHONPATH": os.pathsep.join(filter(None, paths)),
+            "SLIDEFRAME_TEST_CALLS": str(self.calls_file),
+        }
+        (folder / "photographs").mkdir(parents=True)
+        for index in range(3):
+            pixels = np.full((30, 40, 3), 60 * index, np.uint8)
+            Image.fromarray(pixels).save(folder / "photographs" / f"{index}.jpg")
+        (folder / "case.toml").write_text(CONFIG)
+
+    def command(self, *arguments: str) -> list[str]:
+        return [sys.executable, "-m", "slideframe.cli", *arguments]
+
+    def slideframe(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        self.calls_file.write_text("")
+        return subprocess.run(
+            self.command(*arguments), cwd=self.folder, env=self.environment, capture_output=True, text=True, timeout=120
+        )
+
+    def run(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        done = self.slideframe("run", "case.toml", *arguments)
+        assert done.returncode == 0, done.stderr
+        return done
+
+    @property
+    def calls(self) -> list[str]:
+        return self.calls_file.read_text().split()
+
+    def result(self, run: str = "case-standin_solver") -> dict:
+        return json.loads((self.folder / "runs" / run / "result.json").read_text())
+
+    def start_and_signal(self, when: str, number: int, *arguments: str) -> int:
+        """Start a run, send it a signal one second after stage `when` has begun, and return its exit code."""
+        self.calls_file.write_text("")
+        process = subprocess.Popen(
+            self.command("run", "case.toml", *arguments),
+            cwd=self.folder,
+            env=self.environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        deadline = time.monotonic() + 60
+        while when not in self.calls and time.monotonic() < deadline:
+            time.sleep(0.05)
+        time.sleep(1.0)
+        process.send_signal(number)
+        return process.wait(timeout=60)
+
+
+@pytest.fixture
+def workplace(tmp_path: Path, standins: Path) -> Workplace:
+    return Workplace(tmp_path / "work", standins)
+
+
+def test_a_run_leaves_what_people_need(workplace):
+    workplace.run()
+    assert workplace.calls == ALL
+    folder = workplace.folder / "runs" / "case-standin_solver"
+    assert {item.name for item in folder.iterdir()} >= {
+        "run.toml", "result.json", "log.jsonl", "film.mp4", "recording.rrd", "splats.ply", "cameras", "particles",
+    }  # fmt: skip
+    result = workplace.result()
+    assert result["pose_source"]["reprojection_error_px"] == 0.5
+    assert result["reconstructor"]["held_out_psnr_db"] == 30.0
+    # free fall for 0.4 s
+    assert result["solver"]["final_mean_displacement_m"] == pytest.approx(0.5 * 9.81 * 0.4**2, rel=1e-5)
+    for kind in ("pose_source", "reconstructor", "volume_filler", "solver", "renderer"):
+        assert result[kind]["wall_seconds"] >= 0
+        assert result[kind]["peak_memory_mib"] > 1
+    assert (folder / "particles" / "000010" / "positions.npy").is_file()
+
+
+def test_a_second_run_computes_nothing_and_another_solver_only_from_itself_on(workplace):
+    workplace.run()
+    assert "nothing to do" in workplace.run().stdout
+    assert workplace.calls == []
+    workplace.run("--solver", "other_solver")
+    assert workplace.calls == ["other_solver", "standin_renderer"]
+    assert not workplace.result("case-other_solver")["reconstructor"]["computed_in_this_run"]
+
+
+def test_a_changed_option_recomputes_from_its_stage_on(workplace):
+    workplace.run()
+    workplace.run("--plugins.standin-solver.seconds", "0.001")
+    assert workplace.calls == ["standin_solver", "standin_renderer"]
+    workplace.run("--set", "plugins.standin_splats.iterations=2")
+    assert workplace.calls == ["standin_splats", "standin_filler", "standin_solver", "standin_renderer"]
+    workplace.run("--view.azimuth", "10")
+    assert workplace.calls == ["standin_renderer"]
+    workplace.run("--material.density", "1800")
+    assert workplace.calls == ["standin_solver", "standin_renderer"]
+
+
+def test_a_changed_photograph_recomputes_all(workplace):
+    workplace.run()
+    Image.fromarray(np.full((30, 40, 3), 9, np.uint8)).save(workplace.folder / "photographs" / "0.jpg")
+    workplace.run()
+    assert workplace.calls == ALL
+
+
+def test_dry_run_tells_and_computes_nothing(workplace):
+    lines = workplace.run("--dry-run").stdout.splitlines()
+    assert [line.split()[0] for line in lines] == [
+        "pose_source", "reconstructor", "volume_filler", "solver", "renderer",
+    ]  # fmt: skip
+    assert all("to do" in line for line in lines)
+    assert workplace.calls == []
+    assert not (workplace.folder / "runs").exists()
+
+
+def test_until_stops_after_a_stage(workplace):
+    workplace.run("--until", "reconstructor")
+    assert workplace.calls == ["standin_poses", "standin_splats"]
+    assert "solver" not in workplace.result()
+    workplace.run()
+    assert workplace.calls == ["standin_filler", "standin_solver", "standin_renderer"]
+
+
+@pytest.mark.parametrize(
+    ("stage", "slow"),
+    [
+        ("standin_splats", "plugins.standin_splats.seconds=0.8"),
+        ("standin_solver", "plugins.standin_solver.seconds=0.3"),
+    ],
+)
+def test_a_killed_run_goes_on_and_ends_as_an_unbroken_one(workplace, stage, slow):
+    assert workplace.start_and_signal(stage, signal.SIGKILL, "--set", slow) == -signal.SIGKILL
+    assert not (workplace.folder / "runs" / "case-standin_solver" / "result.json").exists()
+    workplace.run("--set", slow)
+    assert workplace.calls[0] == stage
+    broken = workplace.folder / "runs" / "case-standin_solver"
+    shutil.copytree(broken, workplace.folder / "broken")
+    workplace.run("--set", slow, "--store", "fresh-store", "--out", "runs/unbroken")
+    assert workplace.calls == ALL
+    unbroken = workplace.folder / "runs" / "unbroken"
+    for name in ("positions.npy", "velocities.npy"):
+        same = [(folder / "particles" / "000010" / name).read_bytes() for folder in (broken, unbroken)]
+        assert same[0] == same[1]
+    assert (broken / "film.mp4").read_bytes() == (unbroken / "film.mp4").read_bytes()
+
+
+def test_ctrl_c_leaves_a_resumable_run_and_exits_130(workplace):
+    slow = ("--set", "plugins.standin_solver.seconds=0.3")
+    assert workplace.start_and_signal("standin_solver", signal.SIGINT, *slow) == 130
+    workplace.run(*slow)
+    assert workplace.calls == ["standin_solver", "standin_renderer"]
+
+
+def test_a_failing_stage_is_named_and_earlier_results_are_kept(workplace):
+    done = workplace.slideframe("run", "case.toml", "--set", "plugins.standin_solver.fail_at=4")
+    assert done.returncode == 4
+    assert "'standin_solver' of distribution standins 1.0 stopped: ZeroDivisionError: planted" in done.stderr
+    log = (workplace.folder / "runs" / "case-standin_solver" / "log.jsonl").read_text()
+    assert "Traceback" in log
+    workplace.run()
+    assert workplace.calls == ["standin_solver", "standin_renderer"]
+
+
+def test_not_a_number_in_a_product_is_told_with_field_and_place(workplace):
+    done = workplace.slideframe("run", "case.toml", "--set", "plugins.standin_splats.give_nan=true")
+    assert done.returncode == 4
+    assert "centers" in done.stderr
+    assert "element (7, 2) is nan" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["--set", "material.frction_angle=3"], 2, "did you mean 'friction_angle'"),
+        (["--set", "simulation.duration=long"], 2, "simulation.duration: Input should be a valid number"),
+        (["--set", "plugins.standin_solver.secnds=1"], 2, "did you mean 'seconds'"),
+        (["--solver", "mpm_wrap"], 2, "did you mean 'mpm_warp'"),
+        (["--solver", "standin_filler"], 2, "'standin_filler' is a volume_filler, not a solver"),
+        (["--device", "tpu"], 2, "unknown device 'tpu'"),
+        (["--region.x-min", "99"], 2, "x_min must be less than x_max"),
+        (["--regoin.x-min", "9"], 2, "--region.x-min"),
+        (["--set", "site.photographs=nowhere"], 2, "no photographs"),
+    ],
+)
+def test_bad_input_is_told_before_anything_computes(workplace, arguments, code, message):
+    done = workplace.slideframe("run", "case.toml", *arguments)
+    assert done.returncode == code, done.stderr
+    assert message in done.stderr
+    assert workplace.calls == []
+
+
+def test_a_region_outside_the_survey_is_told_before_the_splats(workplace):
+    done = workplace.slideframe("run", "case.toml", "--region.x-min", "100", "--region.x-max", "120")
+    assert done.returncode == 2
+    assert "the survey covers x 0.0 to 9.0" in done.stderr
+    assert workplace.calls == ["standin_poses"]
+
+
+def test_a_store_that_cannot_be_written_is_told_before_anything_computes(workplace):
+    (workplace.folder / "blocked").write_text("in the way")
+    done = workplace.slideframe("run", "case.toml", "--store", "blocked/store")
+    assert done.returncode == 4
+    assert "results can't be written" in done.stderr
+    assert workplace.calls == []
+
+
+def test_two_runs_never_share_a_folder(workplace):
+    slow = ("--set", "plugins.standin_solver.seconds=0.5")
+    workplace.calls_file.write_text("")
+    first = subprocess.Popen(
+        workplace.command("run", "case.toml", *slow),
+        cwd=workplace.folder, env=workplace.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    while "standin_solver" not in workplace.calls:
+        time.sleep(0.05)
+    second = subprocess.run(
+        workplace.command("run", "case.toml", *slow),
+        cwd=workplace.folder, env=workplace.environment, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert second.returncode == 4
+    assert "another run is writing" in second.stderr
+    assert first.wait(timeout=60) == 0
+
+
+def test_the_resolved_config_runs_the_same(workplace):
+    workplace.run("--material.density", "1900")
+    again = workplace.slideframe(
+        "run", "runs/case-standin_solver/run.toml", "--out", "runs/again", "--store", "runs/store"
+    )
+    assert again.returncode == 0, again.stderr
+    assert workplace.calls == []
+    assert workplace.result("again")["keys"] == workplace.result()["keys"]

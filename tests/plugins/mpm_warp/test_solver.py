@@ -1,0 +1,71 @@
+"""What is particular to mpm_warp; the rest is in the conformance kit and the agreement tests."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from slideframe import guards
+from slideframe.errors import ConfigurationError, StageFailed
+from slideframe.testing.evidence import digest, fresh_context
+from slideframe.testing.solver_scenes import block_filling, sand_problem
+from slideframe_mpm_warp.solver import WarpSolver
+
+BLOCK = block_filling((0.5, 0.0, 0.0), (1.5, 0.5, 0.5))
+
+
+def solve(problem, folder, filling=BLOCK):
+    return list(WarpSolver().solve(filling, problem, fresh_context(folder)))
+
+
+def test_precisions_take_turns_in_one_process(tmp_path):
+    single, double, again = (
+        solve(sand_problem(precision=precision), tmp_path / str(turn))
+        for turn, precision in enumerate(("float32", "float64", "float32"))
+    )
+    assert [digest(frame) for frame in single] == [digest(frame) for frame in again]
+    assert digest(single[-1]) != digest(double[-1])
+
+
+def test_nothing_is_written_to_stdout():
+    program = (
+        "from pathlib import Path; import tempfile\n"
+        "from slideframe.testing.solver_scenes import block_filling, sand_problem\n"
+        "from slideframe.testing.evidence import fresh_context\n"
+        "from slideframe_mpm_warp.solver import WarpSolver\n"
+        "block = block_filling((0.5, 0.0, 0.0), (1.5, 0.5, 0.5))\n"
+        "list(WarpSolver().solve(block, sand_problem(), fresh_context(Path(tempfile.mkdtemp()))))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == ""
+    assert done.stderr == ""
+
+
+def test_too_little_memory_is_refused_before_anything_is_allocated(tmp_path, monkeypatch):
+    monkeypatch.setattr(guards, "available_memory", lambda: 1000)
+    with pytest.raises(ConfigurationError, match="GB are free"):
+        solve(sand_problem(), tmp_path)
+
+
+def test_a_lost_simulation_stops_and_names_the_particle(tmp_path):
+    """A thousandfold stiffness behind the back of the time step's bound."""
+    problem = sand_problem(duration=1.0)
+    steady = problem.time_step(problem.grid(BLOCK.particle_positions))
+
+    class Hasty(type(problem)):
+        def time_step(self, grid):
+            return steady
+
+    stiff = problem.material.model_copy(update={"youngs_modulus": 1e9})
+    hasty = Hasty.model_validate({**dict(problem), "material": stiff})
+    with pytest.raises(StageFailed, match=r"particle \d+ at"):
+        solve(hasty, tmp_path)
+
+
+def test_a_shuffled_filling_moves_the_same(tmp_path):
+    """Permutation: the order of particles changes the order of sums only."""
+    order = np.random.default_rng(3).permutation(len(BLOCK.particle_positions))
+    shuffled = BLOCK.model_copy(update={"particle_positions": BLOCK.particle_positions[order]})
+    straight, mixed = solve(sand_problem(), tmp_path / "a")[-1], solve(sand_problem(), tmp_path / "b", shuffled)[-1]
+    np.testing.assert_allclose(mixed.positions, straight.positions[order], atol=1e-5)
