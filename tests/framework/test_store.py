@@ -112,8 +112,16 @@ def test_a_damaged_result_is_told_with_its_folder(tmp_path):
 def test_the_manifest_says_what_the_result_was_made_from(tmp_path):
     entry = Store(tmp_path).entry("solver", "k")
     entry.write(frame(0), lambda: {"figures": {"x_m": 1.5}})
-    assert entry.manifest == {"figures": {"x_m": 1.5}, "length": None}
+    assert entry.manifest == {"figures": {"x_m": 1.5}, "length": None, "content": entry.content}
     assert json.loads((entry.folder / "manifest.json").read_text()) == entry.manifest
+
+
+def test_content_tells_results_apart_and_nothing_else(tmp_path):
+    same, again, other = (Store(tmp_path).entry("solver", key) for key in "abc")
+    same.write_stream((frame(i) for i in range(3)), dict)
+    again.write_stream((frame(i) for i in range(3)), lambda: {"figures": {"wall_seconds": 9}})
+    other.write_stream((frame(i) for i in (0, 2, 1)), dict)
+    assert same.content == again.content != other.content
 
 
 def test_keys_depend_on_every_ingredient_but_not_on_order():

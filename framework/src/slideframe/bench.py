@@ -93,9 +93,9 @@ class Bench:
         """
         stage: Stage = work.__self__  # type: ignore[attr-defined]
         ingredients = self._ingredients(stage, inputs)
-        key = digest(ingredients)
+        key = digest(ingredients) if ingredients else ""
         result: Keyed[Value] = Keyed(stage.kind, key, self.store.entry(stage.kind, key))
-        cached = result.entry.is_whole
+        cached = bool(key) and result.entry.is_whole
         if not cached:
             self.computed.add(stage.kind)
             if not self.dry:
@@ -112,7 +112,10 @@ class Bench:
         if not self.dry:
             rule(*map(_unwrap, inputs))
 
-    def _ingredients(self, stage: Stage, inputs: tuple[Keyed[Any] | ProblemModel, ...]) -> dict[str, Any]:
+    def _ingredients(self, stage: Stage, inputs: tuple[Keyed[Any] | ProblemModel, ...]) -> dict[str, Any] | None:
+        """Return all that decides the result, or None while an input is still to be computed."""
+        if any(isinstance(item, Keyed) and not item.entry.is_whole for item in inputs):
+            return None
         listing = self.listings[stage.name]
         files = []
         if isinstance(stage, PoseSource):
@@ -121,7 +124,9 @@ class Bench:
         return {
             "plugin": [listing.distribution, listing.name, listing.version],
             "options": stage.model_dump(mode="json"),
-            "inputs": [item.key if isinstance(item, Keyed) else item.model_dump(mode="json") for item in inputs],
+            "inputs": [
+                item.entry.content if isinstance(item, Keyed) else item.model_dump(mode="json") for item in inputs
+            ],
             "files": files,
             "seed": self.seed,
         }
@@ -131,7 +136,7 @@ class Bench:
         stage: Stage,
         work: Callable[..., Any],
         inputs: tuple[Keyed[Any] | ProblemModel, ...],
-        ingredients: dict[str, Any],
+        ingredients: dict[str, Any] | None,
         entry: Entry,
     ) -> None:
         device = device_for(stage, self.device)

@@ -24,10 +24,12 @@ import numpy as np
 
 from slideframe.bench import Bench
 from slideframe.config import RunConfig, write_toml
-from slideframe.errors import StoreError
+from slideframe.errors import InputError, StoreError
 from slideframe.motion import measure
 from slideframe.stages import StageKind
 from slideframe.store import storing
+
+_log = logging.getLogger("slideframe")
 
 if TYPE_CHECKING:
     from slideframe.record import Eye
@@ -82,29 +84,37 @@ class RunFolder:
         """Write everything that the results at hand allow; `result.json` last."""
         with storing(self.folder):
             (self.folder / RESULT).unlink(missing_ok=True)
-        self._exchange_files(bench)
+        left_out = self._exchange_files(bench)
         if film and "renderer" in bench.results:
             self._film(config, bench, progress)
         result = self._result(config, bench)
-        result["recording"]["thinned"] = self._recording(config, bench, result, progress)
+        result["outputs"] = {"left_out": left_out}
+        result["outputs"]["thinned_in_recording"] = self._recording(config, bench, result, progress)
         with storing(self.folder):
             partial = self.folder / f"{RESULT}.partial"
             partial.write_text(json.dumps(result, indent=1, allow_nan=False), encoding="utf-8")
             partial.rename(self.folder / RESULT)
 
-    def _exchange_files(self, bench: Bench) -> None:
+    def _exchange_files(self, bench: Bench) -> list[str]:
+        """Write other programs' formats; return why one was left out, where its format can't hold the survey."""
         from slideframe.formats.colmap import write_colmap_text
         from slideframe.formats.splat_ply import write_splat_ply
 
+        left_out = []
         with storing(self.folder):
             if "pose_source" in bench.results:
-                write_colmap_text(bench.results["pose_source"].value, self.folder / "cameras")
+                try:
+                    write_colmap_text(bench.results["pose_source"].value, self.folder / "cameras")
+                except InputError as error:
+                    left_out.append(f"cameras/: {error.what}")
+                    _log.warning("cameras/ is left out: %s", error)
             if "reconstructor" in bench.results:
-                write_splat_ply(self.folder / "splats.ply", bench.results["reconstructor"].value)
+                write_splat_ply(bench.results["reconstructor"].value, self.folder / "splats.ply")
             if "solver" in bench.results:
                 link = self.folder / "particles"
                 link.unlink(missing_ok=True)
                 link.symlink_to(bench.results["solver"].entry.folder.resolve(), target_is_directory=True)
+        return left_out
 
     def _film(self, config: RunConfig, bench: Bench, progress: Callable[[str, float, float], None]) -> None:
         from slideframe.formats.video import write_mp4
@@ -162,7 +172,7 @@ class RunFolder:
         return Eye(tuple(pose[:, 3]), tuple(bounds.mean(axis=0)))
 
     def _result(self, config: RunConfig, bench: Bench) -> dict[str, Any]:
-        result: dict[str, Any] = {"keys": _keys(bench), "recording": {}}
+        result: dict[str, Any] = {"keys": _keys(bench)}
         for kind, keyed in bench.results.items():
             manifest = keyed.entry.manifest
             distribution, plugin, version = manifest["made_from"]["plugin"]
@@ -185,7 +195,7 @@ def result_table(result: Mapping[str, Any], thinned: list[str]) -> str:
     """Return the figures of `result.json` as markdown tables, one for each stage."""
     lines = ["# Result"]
     for kind, figures in result.items():
-        if kind in ("keys", "recording"):
+        if kind in ("keys", "outputs"):
             continue
         lines += [f"\n## {kind}", "", "| figure | value |", "|---|---|"]
         lines += [f"| {name} | {_shown(value)} |" for name, value in figures.items() if name != "warnings"]

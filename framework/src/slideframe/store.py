@@ -22,7 +22,8 @@ from PIL import Image
 from slideframe.arrays import Array, Product
 from slideframe.errors import StoreError
 
-FORMAT = 1
+# raised whenever the layout below changes, so that older results are not mistaken for new ones
+FORMAT = 2
 MANIFEST = "manifest.json"
 _IMAGE_AXES = ("row", "column", 3)
 
@@ -101,6 +102,11 @@ class Entry:
         return cast(dict[str, Any], _read_json(self.folder / MANIFEST))
 
     @property
+    def content(self) -> str:
+        """The digest of the stored arrays and fields, by which later stages know their input."""
+        return str(self.manifest["content"])
+
+    @property
     def scratch(self) -> Path:
         """The computing stage's own folder, made if absent."""
         folder = self._beside(".scratch")
@@ -111,18 +117,20 @@ class Entry:
     def write(self, product: Product, finish: Callable[[], dict[str, Any]]) -> None:
         """Store one product; `finish` gives the manifest once all else is written."""
         with self._being_written() as partial:
+            content = hashlib.sha256()
             write_product(partial / "product", product)
-            _write_json(partial / MANIFEST, finish() | {"length": None})
+            _add_folder(content, partial / "product")
+            _write_json(partial / MANIFEST, finish() | {"length": None, "content": content.hexdigest()})
 
     def write_stream(self, items: Iterable[Product], finish: Callable[[], dict[str, Any]]) -> None:
         """Store items one by one as they come, holding one in memory."""
         with self._being_written() as partial:
-            length = 0
+            length, content = 0, hashlib.sha256()
             for item in items:
-                with storing(partial):
-                    write_product(partial / _item_name(length), item)
+                write_product(partial / _item_name(length), item)
+                _add_folder(content, partial / _item_name(length))
                 length += 1
-            _write_json(partial / MANIFEST, finish() | {"length": length})
+            _write_json(partial / MANIFEST, finish() | {"length": length, "content": content.hexdigest()})
 
     def read(self, product: type[ProductType]) -> ProductType | Stream[ProductType]:
         """Open the stored product, or the stored stream of such products."""
@@ -226,6 +234,13 @@ def _read_array(folder: Path, name: str, declared: Array) -> np.ndarray[Any, Any
         with Image.open(folder / f"{name}.png") as image:
             return np.asarray(image)
     return np.asarray(np.load(folder / f"{name}.npy", mmap_mode="r", allow_pickle=False))
+
+
+def _add_folder(content: "hashlib._Hash", folder: Path) -> None:
+    """Add every file below a folder to a digest, names included, while the system still has them in memory."""
+    for path in sorted(item for item in folder.rglob("*") if item.is_file()):
+        content.update(str(path.relative_to(folder)).encode())
+        content.update(bytes.fromhex(digest_file(path)))
 
 
 def _item_name(index: int) -> str:

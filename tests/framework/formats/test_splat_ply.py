@@ -26,7 +26,7 @@ def cloud(count: int = 7, coefficients: int = 16) -> SplatCloud:
 @pytest.mark.parametrize("coefficients", [1, 4, 9, 16])
 def test_round_trip(tmp_path, coefficients):
     splats = cloud(coefficients=coefficients)
-    write_splat_ply(tmp_path / "splats.ply", splats)
+    write_splat_ply(splats, tmp_path / "splats.ply")
     found = read_splat_ply(tmp_path / "splats.ply")
     for name in SplatCloud.array_fields():
         np.testing.assert_allclose(
@@ -38,7 +38,7 @@ def test_layout_is_that_of_splat_viewers(tmp_path):
     """Column order of Kerbl et al.'s writer; the rest of the harmonics goes channel by channel."""
     splats = cloud(2, 4)
     path = tmp_path / "splats.ply"
-    write_splat_ply(path, splats)
+    write_splat_ply(splats, path)
     header, body = path.read_bytes().split(b"end_header\n", 1)
     names = [line.split()[2].decode() for line in header.splitlines() if line.startswith(b"property")]
     rest = [f"f_rest_{i}" for i in range(9)]
@@ -53,7 +53,7 @@ def test_layout_is_that_of_splat_viewers(tmp_path):
 def test_full_and_empty_opacity_stay_finite(tmp_path):
     splats = cloud(2)
     splats = splats.model_copy(update={"opacities": np.array([0, 1], np.float32)})
-    write_splat_ply(tmp_path / "splats.ply", splats)
+    write_splat_ply(splats, tmp_path / "splats.ply")
     np.testing.assert_allclose(read_splat_ply(tmp_path / "splats.ply").opacities, [0, 1], atol=ROUND_TRIP)
 
 
@@ -72,7 +72,7 @@ def without_opacity(data: bytes) -> bytes:
 @pytest.mark.parametrize("damage", [cut_short, ascii_format, without_opacity])
 def test_other_files_are_refused_by_name(tmp_path, damage):
     path = tmp_path / "splats.ply"
-    write_splat_ply(path, cloud())
+    write_splat_ply(cloud(), path)
     path.write_bytes(damage(path.read_bytes()))
     with pytest.raises(InputError, match=r"splats\.ply"):
         read_splat_ply(path)

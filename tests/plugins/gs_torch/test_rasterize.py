@@ -1,12 +1,12 @@
 """The compiled rasteriser against the exact reference, and the reference against finite differences."""
 
-import numba
 import numpy as np
 import pytest
 import torch
 
 from slideframe.errors import InputError
 from slideframe.products import Camera
+from slideframe_gs_torch import threads
 from slideframe_gs_torch.rasterize import Raster, rasterize
 
 # The kernels stop a tile at a transmittance of 1e-4 and use a polynomial exp: 60 dB is 1e-3 of full scale.
@@ -111,15 +111,15 @@ def test_a_pixel_sees_the_splat_at_its_centre():
     assert raster.alpha[3, 7] == pytest.approx(0.8, abs=1e-4)
 
 
-def test_any_number_of_threads_gives_the_same_bits():
-    if numba.config.NUMBA_NUM_THREADS < 2:
-        pytest.skip("this machine gives Numba one thread")
+def test_any_number_of_threads_gives_the_same_bits(monkeypatch):
+    monkeypatch.setattr(threads, "WORTH_THREADS", 0)
     results = []
-    for threads in (1, 2):
-        numba.set_num_threads(threads)
+    for count in (1, 2, 3):
+        monkeypatch.setattr(threads, "thread_count", lambda count=count: count)
         raster, found = gradients(SCENES["random"], "numba", torch.float32)
         results.append([raster.colour.detach(), *found])
-    assert all(torch.equal(one, two) for one, two in zip(*results, strict=True))
+    for other in results[1:]:
+        assert all(torch.equal(one, two) for one, two in zip(results[0], other, strict=True))
 
 
 def test_an_empty_scene_shows_the_background():

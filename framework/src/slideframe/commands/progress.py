@@ -117,9 +117,9 @@ class Watch:
 
 
 def print_plan(plan: Bench) -> None:
-    """Say of each stage whether its result is in the store."""
+    """Say of each stage whether its result is in the store, and under which key where that is known."""
     for kind, result in plan.results.items():
-        print(f"{kind:<15} {'to do' if kind in plan.computed else 'in the store':<13} {result.key}")
+        print(f"{kind:<15} {'to do' if kind in plan.computed else 'in the store':<13} {result.key}".rstrip())
 
 
 def print_result(folder: Path) -> None:

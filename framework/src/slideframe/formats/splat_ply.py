@@ -28,7 +28,7 @@ _KINDS = {
 }
 
 
-def write_splat_ply(path: Path, splats: SplatCloud) -> None:
+def write_splat_ply(splats: SplatCloud, path: Path) -> None:
     """Write the splats; coordinates stay in metres in the survey's local frame."""
     rest = splats.harmonics[:, 1:].transpose(0, 2, 1).reshape(len(splats), -1)
     opacities = splats.opacities.astype(np.float64).clip(OPACITY_MARGIN, 1 - OPACITY_MARGIN)

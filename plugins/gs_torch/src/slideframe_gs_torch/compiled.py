@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import NamedTuple, Self
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -12,9 +11,7 @@ from slideframe.products import Camera
 from slideframe_gs_torch import binning_kernels as binning
 from slideframe_gs_torch import compositing_kernels as compositing
 from slideframe_gs_torch import projection_kernels as projection
-
-# Tiles differ in cost, so threads fetch them in small lots.
-TILES_AT_ONCE = 8
+from slideframe_gs_torch.threads import run_shares
 
 
 @dataclass(frozen=True)
@@ -73,7 +70,8 @@ def draw(splats: Splats, view: View) -> Drawing:
     height, width = view.size
     columns, rows = -(-width // binning.TILE), -(-height // binning.TILE)
     screen = np.empty((len(splats.centers), projection.SCREEN_COLUMNS), np.float32)
-    projection.project(*splats, view.camera_from_world, view.intrinsics, screen)
+    count = len(splats.centers)
+    run_shares(projection.project, count, count, *splats, view.camera_from_world, view.intrinsics, screen)
     order = binning.depth_order(screen)
     counts = np.zeros(len(splats.centers), np.int32)
     binning.count_tiles(screen, order, columns, rows, counts)
@@ -84,8 +82,10 @@ def draw(splats: Splats, view: View) -> Drawing:
     planes = np.empty((compositing.CHANNELS, height, width), np.float32)
     transmittance = np.empty((height, width), np.float32)
     processed = np.empty(columns * rows, np.int64)
-    with numba.parallel_chunksize(TILES_AT_ONCE):
-        compositing.composite(screen, slots, slot_splats, tile_starts, columns, planes, transmittance, processed)
+    run_shares(
+        compositing.composite, columns * rows, width * height,
+        screen, slots, slot_splats, tile_starts, columns, planes, transmittance, processed,
+    )  # fmt: skip
     return Drawing(planes, transmittance, screen, starts, counts, slot_splats, slots, tile_starts, processed)
 
 
@@ -95,14 +95,16 @@ def draw_backward(
     """Return the gradients of the splats and the screen gradients (splat, 2)."""
     columns = -(-view.size[1] // binning.TILE)
     moments = np.empty((len(drawing.slot_splats), projection.MOMENT_COLUMNS), np.float32)
-    with numba.parallel_chunksize(TILES_AT_ONCE):
-        compositing.composite_backward(
-            drawing.screen, drawing.slots, drawing.slot_splats, drawing.tile_starts, columns, drawing.processed,
-            drawing.planes, drawing.transmittance, d_planes, d_transmittance, moments,
-        )  # fmt: skip
+    run_shares(
+        compositing.composite_backward, len(drawing.processed), view.pixel_count,
+        drawing.screen, drawing.slots, drawing.slot_splats, drawing.tile_starts, columns, drawing.processed,
+        drawing.planes, drawing.transmittance, d_planes, d_transmittance, moments,
+    )  # fmt: skip
     gradients = Splats(*(np.empty_like(array) for array in splats))
     d_means = np.empty((len(splats.centers), 2), np.float32)
-    projection.project_backward(
+    count = len(splats.centers)
+    run_shares(
+        projection.project_backward, count, count,
         splats.centers, splats.rotations, splats.scales, view.camera_from_world, view.intrinsics, drawing.screen,
         drawing.slot_starts, drawing.slot_counts, moments, *gradients, d_means,
     )  # fmt: skip

@@ -9,7 +9,7 @@ one order, so images and gradients are the same bits for any number of threads.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from slideframe_gs_torch.binning_kernels import TILE
 from slideframe_gs_torch.projection_kernels import (
@@ -77,14 +77,14 @@ def number_pixels(scratch):
             scratch[row * TILE + lane + 6 * TILE * TILE] = row
 
 
-@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def composite(screen, slots, slot_splats, tile_starts, columns, image, transmittance, processed):
+@njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+def composite(first_task, last_task, screen, slots, slot_splats, tile_starts, columns, image, transmittance, processed):
     """Fill `image` (CHANNELS, height, width), without background, and `transmittance` (height, width).
 
     `processed` (tile,) receives how many of its slots each tile took before it was opaque.
     """
     height, width = transmittance.shape
-    for tile in prange(len(processed)):
+    for tile in range(first_task, last_task):
         scratch = np.zeros(TILE * TILE * 7, np.float32)
         number_pixels(scratch)
         for pixel in range(_PIXELS):
@@ -126,9 +126,21 @@ def composite(screen, slots, slot_splats, tile_starts, columns, image, transmitt
                     ]
 
 
-@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
+@njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 def composite_backward(
-    screen, slots, slot_splats, tile_starts, columns, processed, image, transmittance, d_image, d_transmittance, moments
+    first_task,
+    last_task,
+    screen,
+    slots,
+    slot_splats,
+    tile_starts,
+    columns,
+    processed,
+    image,
+    transmittance,
+    d_image,
+    d_transmittance,
+    moments,
 ):
     """Fill `moments` (slot, MOMENT_COLUMNS) with the pixels' gradients, one slot per splat and tile.
 
@@ -137,7 +149,7 @@ def composite_backward(
     alpha dL/dalpha = dL/dpower in units of sigma about the splat's mean; then come w dL/dC.
     """
     height, width = transmittance.shape
-    for tile in prange(len(processed)):
+    for tile in range(first_task, last_task):
         scratch = np.zeros(TILE * TILE * 8, np.float32)
         number_pixels(scratch)
         tile_x, tile_y = (tile % columns) * TILE, (tile // columns) * TILE

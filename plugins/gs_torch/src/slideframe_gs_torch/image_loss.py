@@ -8,7 +8,7 @@ from torch import Tensor
 
 from slideframe.arrays import Float32Array
 from slideframe_gs_torch import image_loss_kernels as kernels
-from slideframe_gs_torch.threads import threads_for
+from slideframe_gs_torch.threads import run_shares
 
 
 def image_loss(drawn: Tensor, truth: Tensor, ssim_weight: float) -> Tensor:
@@ -30,10 +30,10 @@ def _measure(drawn: Float32Array, truth: Float32Array, ssim_weight: float) -> tu
     slopes = np.empty((3, *drawn.shape), np.float32)
     gradient = np.empty_like(drawn)
     similarity, difference = np.empty(drawn.shape[:2]), np.empty(drawn.shape[:2])
-    with threads_for(drawn.size):
-        kernels.blur_products(drawn, truth, blurred)
-        kernels.compare(blurred, slopes, similarity)
-        kernels.combine(drawn, truth, slopes, ssim_weight, gradient, difference)
+    rows = drawn.shape[0] * drawn.shape[1]
+    run_shares(kernels.blur_products, rows, drawn.size, drawn, truth, blurred)
+    run_shares(kernels.compare, rows, drawn.size, blurred, slopes, similarity)
+    run_shares(kernels.combine, rows, drawn.size, drawn, truth, slopes, ssim_weight, gradient, difference)
     return float(similarity.sum()) / drawn.size, float(difference.sum()) / drawn.size, gradient
 
 

@@ -5,7 +5,7 @@ papers report it. The window is separable, so each row is blurred along itself a
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 REACH = 5
 _OFFSETS = np.arange(-REACH, REACH + 1)
@@ -39,11 +39,11 @@ def blur_across(plane, y, out):
             out[x] += weight * row[x]
 
 
-@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def blur_products(drawn, truth, blurred):
+@njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+def blur_products(first_task, last_task, drawn, truth, blurred):
     """Blur x, y, xx, yy, xy along rows into `blurred` (5, channel, height, width)."""
-    channels, height, width = drawn.shape
-    for task in prange(channels * height):
+    _, height, width = drawn.shape
+    for task in range(first_task, last_task):
         channel, y = task // height, task % height
         padded = np.zeros(width + 2 * REACH, np.float32)
         a, b = drawn[channel, y], truth[channel, y]
@@ -54,17 +54,19 @@ def blur_products(drawn, truth, blurred):
         blur_row(a * b, padded, blurred[4, channel, y])
 
 
-@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def compare(blurred, slopes, similarity):
+@njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+def compare(first_task, last_task, blurred, slopes, similarity):
     """Finish the blur and write SSIM's row sums and its slopes by mean, square and product, blurred along rows.
 
     Args:
+        first_task: the first row of all channels' rows.
+        last_task: one past the last row.
         blurred: (5, channel, height, width) from `blur_products`.
         slopes: (3, channel, height, width), out.
         similarity: (channel, height), out.
     """
-    _, channels, height, width = blurred.shape
-    for task in prange(channels * height):
+    _, _, height, width = blurred.shape
+    for task in range(first_task, last_task):
         channel, y = task // height, task % height
         moments = np.empty((5, width), np.float32)
         for k in range(5):
@@ -96,13 +98,13 @@ def compare(blurred, slopes, similarity):
             blur_row(raw[k], padded, slopes[k, channel, y])
 
 
-@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def combine(drawn, truth, slopes, ssim_weight, gradient, difference):
+@njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+def combine(first_task, last_task, drawn, truth, slopes, ssim_weight, gradient, difference):
     """Write the gradient of (1 - weight) L1 + weight (1 - SSIM), both means, and the row sums of |drawn - truth|."""
-    channels, height, width = drawn.shape
+    _, height, width = drawn.shape
     by_l1 = np.float32((1 - ssim_weight) / drawn.size)
     by_ssim = np.float32(-ssim_weight / drawn.size)
-    for task in prange(channels * height):
+    for task in range(first_task, last_task):
         channel, y = task // height, task % height
         parts = np.empty((3, width), np.float32)
         for k in range(3):

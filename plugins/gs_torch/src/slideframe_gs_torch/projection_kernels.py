@@ -1,6 +1,6 @@
 """Elliptical weighted average projection of splats and its gradient, compiled for the CPU.
 
-One thread takes one splat; arithmetic inside a splat is float64, because it is cheap there and the
+A task is one splat; arithmetic inside a splat is float64, because it is cheap there and the
 conic of a needle is badly conditioned. Formulas: Zwicker et al. 2002 (EWA splatting); the low-pass of
 0.3 px^2, the widened frustum of the Jacobian and the thresholds are those of Kerbl et al. 2023.
 """
@@ -8,7 +8,7 @@ conic of a needle is badly conditioned. Formulas: Zwicker et al. 2002 (EWA splat
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 # Columns of the projected splat. Extents are half sizes of the box, in px, beyond which alpha < 1/255.
 # The falloff is exp(-((u dx + v dy)^2 + (w dy)^2) / 2), with a Cholesky factor L of the conic K = L^T L, since
@@ -107,12 +107,14 @@ def screen_covariance(projected):
     return xx, xy, yy
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
-def project(centers, rotations, scales, opacities, colours, camera_from_world, intrinsics, screen):
+@njit(nogil=True, cache=True, error_model="numpy")
+def project(
+    first_task, last_task, centers, rotations, scales, opacities, colours, camera_from_world, intrinsics, screen
+):
     """Fill `screen` (splat, SCREEN_COLUMNS); a splat that can't be seen gets an extent of 0."""
     limits = slope_limits(intrinsics)
     focal_x, focal_y, principal_x, principal_y, width, height = intrinsics
-    for s in prange(len(centers)):
+    for s in range(first_task, last_task):
         screen[s, EXTENT_X] = 0.0
         point = camera_point(centers[s], camera_from_world)
         x, y, z = point
@@ -177,9 +179,10 @@ def quaternion_gradient(quaternion, length, g):
     )
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def project_backward(
-    centers, rotations, scales, camera_from_world, intrinsics, screen, slot_starts, slot_counts, moments,
+    first_task, last_task, centers, rotations, scales, camera_from_world, intrinsics, screen,
+    slot_starts, slot_counts, moments,
     d_centers, d_rotations, d_scales, d_opacities, d_colours, d_means,
 ):  # fmt: skip
     """Carry the pixels' moments back to the splats; every output is overwritten.
@@ -190,7 +193,7 @@ def project_backward(
     limits = slope_limits(intrinsics)
     focal_x, focal_y = intrinsics[0], intrinsics[1]
     V = camera_from_world
-    for s in prange(len(centers)):
+    for s in range(first_task, last_task):
         start, stop = slot_starts[s], slot_starts[s] + slot_counts[s]
         if start == stop:
             d_centers[s], d_rotations[s], d_scales[s], d_opacities[s], d_colours[s], d_means[s] = 0, 0, 0, 0, 0, 0

@@ -14,7 +14,6 @@ from slideframe.products import Camera
 from slideframe_gs_torch import compiled
 from slideframe_gs_torch.harmonics import evaluate_harmonics
 from slideframe_gs_torch.reference import composite_exactly
-from slideframe_gs_torch.threads import threads_for
 
 __all__ = ["Raster", "evaluate_harmonics", "rasterize"]
 
@@ -91,8 +90,7 @@ class _Compiled(torch.autograd.Function):
     def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, Tensor]:
         *splats, view, screen_gradients = arguments
         arrays = compiled.Splats(*(np.ascontiguousarray(tensor.detach().numpy(), np.float32) for tensor in splats))
-        with threads_for(view.pixel_count + len(arrays.centers)):
-            drawing = compiled.draw(arrays, view)
+        drawing = compiled.draw(arrays, view)
         ctx.state = arrays, view, drawing, screen_gradients
         return torch.from_numpy(drawing.planes), torch.from_numpy(drawing.transmittance)
 
@@ -100,8 +98,7 @@ class _Compiled(torch.autograd.Function):
     def backward(ctx: Any, d_planes: Tensor, d_transmittance: Tensor) -> tuple[Any, ...]:
         arrays, view, drawing, screen_gradients = ctx.state
         by_planes, by_transmittance = (np.ascontiguousarray(g.numpy(), np.float32) for g in (d_planes, d_transmittance))
-        with threads_for(view.pixel_count + len(arrays.centers)):
-            gradients, d_means = compiled.draw_backward(arrays, view, drawing, by_planes, by_transmittance)
+        gradients, d_means = compiled.draw_backward(arrays, view, drawing, by_planes, by_transmittance)
         if screen_gradients is not None:
             screen_gradients.copy_(torch.from_numpy(d_means))
         return *(torch.from_numpy(gradient) for gradient in gradients), None, None

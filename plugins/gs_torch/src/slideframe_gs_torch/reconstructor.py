@@ -18,7 +18,7 @@ class TorchSplats(Reconstructor):
     """Optimises low-anisotropy 3D Gaussian splats by gradient descent on the photographs."""
 
     name: ClassVar[str] = "gs_torch"
-    backend: ClassVar[tuple[str, ...]] = ("torch", "numba")
+    backend: ClassVar[tuple[str, ...]] = ("torch", "numba", "scipy")
 
     iterations: int = Field(default=2000, ge=1, le=1_000_000, description="photographs shown, one per iteration")
     splat_budget: int = Field(

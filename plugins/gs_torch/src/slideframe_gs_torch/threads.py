@@ -1,24 +1,45 @@
-"""How many threads a computation is worth. Results are the same bits for any number."""
+"""Compiled kernels on several threads, without spinning.
 
-from collections.abc import Iterator
+Numba's own parallel loops wait for one another by spinning, which on a busy machine costs many times the
+work itself. Kernels that release the interpreter's lock and take a range of tasks need no more than a pool
+of Python threads, which sleep while they wait. Tasks share no sums, so results are the same bits for any
+number of threads.
+"""
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import cache
 
 import numba
 import torch
 
-# Below this many pixels and splats, threads wait for each other longer than they work.
+# Below this many pixels or splats, handing tasks out takes longer than doing them.
 WORTH_THREADS = 60_000
+# Tasks differ in cost, so each thread fetches several shares.
+SHARES_PER_THREAD = 6
 
 
-@contextmanager
-def threads_for(work: int) -> Iterator[None]:
-    """Give the compiled kernels all threads, or one where the work (pixels + splats) is small."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(before if work >= WORTH_THREADS else 1)
-    try:
-        yield
-    finally:
-        numba.set_num_threads(before)
+def thread_count() -> int:
+    """Return how many threads may compute; NUMBA_NUM_THREADS limits it."""
+    return int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]  # set while Numba starts
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(thread_count(), thread_name_prefix="splats")
+
+
+def run_shares(kernel: Callable[..., None], tasks: int, work: int, *arguments: object) -> None:
+    """Call kernel(first, last, *arguments) on shares of range(tasks); `work` is the number of pixels or splats."""
+    threads = thread_count()
+    if threads == 1 or work < WORTH_THREADS:
+        kernel(0, tasks, *arguments)
+        return
+    share = max(1, -(-tasks // (threads * SHARES_PER_THREAD)))
+    calls = [_pool().submit(kernel, first, min(first + share, tasks), *arguments) for first in range(0, tasks, share)]
+    for call in calls:
+        call.result()
 
 
 @contextmanager

@@ -32,12 +32,12 @@ def count_call(name: str) -> None:
             stream.write(name + "\n")
 
 
-def splat_cloud(centers: np.ndarray) -> SplatCloud:
+def splat_cloud(centers: np.ndarray, size: float = 0.2) -> SplatCloud:
     count = len(centers)
     return SplatCloud(
         centers=centers.astype(np.float32),
         rotations=np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
-        scales=np.full((count, 3), 0.2, np.float32),
+        scales=np.full((count, 3), size, np.float32),
         opacities=np.full(count, 0.9, np.float32),
         harmonics=np.zeros((count, 1, 3), np.float32),
     )
@@ -78,6 +78,7 @@ class StandinSplats(Reconstructor):
     name = "standin_splats"
     iterations: int = Field(default=3, ge=1, description="steps")
     seconds: float = Field(default=0.0, ge=0, description="seconds each step takes")
+    size: float = Field(default=0.2, gt=0, description="m")
     give_nan: bool = False
 
     def reconstruct(self, survey: Survey, context: Context) -> SplatCloud:
@@ -85,11 +86,12 @@ class StandinSplats(Reconstructor):
         for step in range(self.iterations):
             time.sleep(self.seconds)
             context.progress(step + 1, self.iterations)
-        centers = survey.sparse_points.copy()
+        # a stage that isn't repeatable: something outside its options decides
+        centers = survey.sparse_points + np.float32(os.environ.get("SLIDEFRAME_TEST_SHIFT", "0"))
         if self.give_nan:
             centers[7, 2] = np.nan
         context.figure("held_out_psnr_db", np.float32(30.0))
-        return splat_cloud(centers)
+        return splat_cloud(centers, self.size)
 
 
 class StandinFiller(VolumeFiller):
@@ -153,3 +155,7 @@ class StandinRenderer(Renderer):
 
 class OtherSolver(StandinSolver):
     name = "other_solver"
+
+    def solve(self, filling: Filling, problem: SimulationProblem, context: Context) -> Iterator[ParticleFrame]:
+        for frame in super().solve(filling, problem, context):
+            yield frame.model_copy(update={"positions": frame.positions + np.float32(frame.time)})
