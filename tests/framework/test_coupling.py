@@ -153,3 +153,11 @@ def test_products_of_another_run_are_refused():
     )
     with pytest.raises(InputError, match="1 particles"):
         Coupling(OBSERVED, filling()).at(other)
+
+
+@pytest.mark.parametrize(("share", "bare"), [(0.0, 0.0), (0.25, 0.25), (1.0, 1.0), (40.0, 1.0)])
+def test_the_interior_is_bare_once_its_particle_has_gone_its_own_width(share, bare):
+    width = np.cbrt(filling().particle_volumes[0])
+    moved = affine(np.eye(3), np.array([0.0, 0.0, -share * width]))
+    np.testing.assert_allclose(moved.opacities[8:], bare * INTERIOR.opacities, rtol=1e-5)
+    np.testing.assert_array_equal(moved.opacities[:8], OBSERVED.opacities)

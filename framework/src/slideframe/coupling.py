@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from slideframe.arrays import Float32Array, Float64Array
 from slideframe.errors import InputError
@@ -21,7 +22,7 @@ class MovedSplats:
         centers: (splat, 3), m.
         rotations: (splat, 4), quaternions wxyz.
         scales: (splat, 3), standard deviations, m.
-        opacities: (splat,).
+        opacities: (splat,); those of interior splats grow from 0 as their particles leave their places.
         harmonics: (splat, coefficient, 3), as at t = 0; see `frame_rotations`.
         frame_rotations: (splat, 3, 3), rotation R of the ground about each splat since t = 0. A splat seen
             along d has the colour of its harmonics at R^T d, which is exact for every band.
@@ -44,6 +45,9 @@ class Coupling:
     A splat on particle p moves with the ground about it, x = x_p + F (X - X_p) and S' = F S F^T, where F
     is the particle's deformation gradient with its singular values held between LEAST_STRETCH and
     MOST_STRETCH. Splats without a particle, and those whose particle is as at t = 0, keep their bits.
+
+    An interior splat stays hidden while its particle is where it began, because what the photographs
+    showed is still there to be seen, and is bare once the particle has gone its own width.
     """
 
     def __init__(self, splats: SplatCloud, filling: Filling) -> None:
@@ -66,6 +70,9 @@ class Coupling:
         axes = rotation_matrices(self._rest.rotations[self._moving].astype(np.float64))
         self._axes = axes * self._rest.scales[self._moving][:, None, :]
         self._particle_count = len(filling.particle_positions)
+        self._interior = slice(len(splats), None)
+        self._interior_carriers = np.searchsorted(self._particles, filling.interior_particles)
+        self._widths = np.cbrt(filling.particle_volumes[self._particles].astype(np.float64))
 
     def __len__(self) -> int:
         return len(self._rest)
@@ -88,10 +95,18 @@ class Coupling:
         rotations = np.tile(np.eye(3), (len(gradients), 1, 1))
         rotations[changed] = turned
         rows = np.flatnonzero(changed[self._carrier])
-        return self._place(rows, positions, gradients, rotations)
+        opacities = self._rest.opacities.copy()
+        travelled = np.linalg.norm(positions - self._start, axis=1)
+        opacities[self._interior] *= np.minimum(travelled / self._widths, 1.0)[self._interior_carriers]
+        return self._place(rows, positions, gradients, rotations, opacities)
 
     def _place(
-        self, rows: np.ndarray, positions: Float64Array, gradients: Float64Array, rotations: Float64Array
+        self,
+        rows: npt.NDArray[np.int64],
+        positions: Float64Array,
+        gradients: Float64Array,
+        rotations: Float64Array,
+        opacities: Float32Array,
     ) -> MovedSplats:
         """Copy the splats at rest and overwrite the moved ones; `rows` index the moving splats."""
         rest, splat, carrier = self._rest, self._moving[rows], self._carrier[rows]
@@ -102,7 +117,7 @@ class Coupling:
         axes, sizes, _ = decompose(F @ self._axes[rows])
         quaternions[splat], scales[splat] = quaternions_of(axes), sizes
         turned[splat] = rotations[carrier]
-        return MovedSplats(centers, quaternions, scales, rest.opacities, rest.harmonics, turned)
+        return MovedSplats(centers, quaternions, scales, opacities, rest.harmonics, turned)
 
 
 def clamp_stretch(gradients: Float64Array) -> tuple[Float64Array, Float64Array]:

@@ -169,7 +169,7 @@ def log_motion(
     splat_count = len(splats) + len(filling.interior)
     drawn = _thinned(splat_count, DRAWN_SPLATS)
     particles = _thinned(len(filling.particle_positions), DRAWN_SPLATS // 3)
-    frames = set(_thinned(len(motion), max(2, MOTION_BUDGET_BYTES // (12 * len(drawn) + 16 * len(particles)))))
+    frames = set(_thinned(len(motion), max(2, MOTION_BUDGET_BYTES // (16 * (len(drawn) + len(particles))))))
     _log_lasting_fields(stream, coupling.at(motion[0]), drawn)
     initial = filling.particle_positions[particles]
     reach = max(float(_distance(motion[-1].positions[particles], initial).max()), 1e-6)
@@ -178,10 +178,12 @@ def log_motion(
         stream.set_time("sim_time", duration=frame.time)
         _log_figures(stream, frame, filling, problem)
         if index in frames:
-            stream.log("motion/splats", rr.GaussianSplats3D.from_fields(centers=coupling.at(frame).centers[drawn]))
+            moved = coupling.at(frame)
+            colors = _rgba(moved.harmonics[drawn], moved.opacities[drawn])
+            stream.log("motion/splats", rr.GaussianSplats3D.from_fields(centers=moved.centers[drawn], colors=colors))
             positions = frame.positions[particles]
-            colors = _heat(_distance(positions, initial) / reach)
-            stream.log("motion/particles", rr.Points3D(positions, colors=colors, radii=radius))
+            heat = _heat(_distance(positions, initial) / reach)
+            stream.log("motion/particles", rr.Points3D(positions, colors=heat, radii=radius))
         progress(index + 1, len(motion))
     thinned = ((len(drawn), splat_count, "splats"), (len(frames), len(motion), "frames of moving splats"))
     return [f"{shown} of {total} {what} are drawn" for shown, total, what in thinned if shown < total]
@@ -216,7 +218,6 @@ def _log_lasting_fields(stream: rr.RecordingStream, moved: MovedSplats, drawn: I
     stream.log(
         "motion/splats",
         rr.GaussianSplats3D.from_fields(
-            colors=_rgba(moved.harmonics[drawn], moved.opacities[drawn]),
             scales=moved.scales[drawn],
             quaternions=_real_part_last(moved.rotations[drawn]),
             spherical_harmonics_degree=0,

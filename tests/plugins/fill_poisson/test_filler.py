@@ -138,8 +138,8 @@ def test_paper_splats_are_as_large_as_they_are_deep(filled):
     np.testing.assert_allclose(np.linalg.norm(interior.rotations, axis=1), 1, atol=1e-6)
 
 
-def test_interior_takes_the_base_colour_of_the_nearest_splat(filled):
-    filling, splats = filled(slope)
+def test_interior_takes_the_base_colour_of_the_nearest_splat_as_in_the_paper(filled):
+    filling, splats = filled(slope, color_neighbours=1)
     assert filling.interior.harmonics.shape[1] == 1
     normal = np.array([0, -0.6, 1]) / np.hypot(0.6, 1)
     depth = (np.array([0, 0, 3.0]) - filling.interior.centers) @ normal
@@ -149,6 +149,14 @@ def test_interior_takes_the_base_colour_of_the_nearest_splat(filled):
     nearest = np.linalg.norm(splats.centers - foot[:, None], axis=2).argmin(axis=1)
     same = (filling.interior.harmonics[shallow, 0] == splats.harmonics[nearest, 0]).all(axis=1)
     assert same.mean() > 0.9
+
+
+def test_interior_colours_are_means_of_the_surfaces(filled):
+    # the surface's base colours scatter with a deviation of 1; means of 32 of them with 1 / sqrt(32) = 0.18
+    filling, splats = filled(slope)
+    colours = filling.interior.harmonics[:, 0]
+    assert colours.std() == pytest.approx(splats.harmonics[:, 0].std() / np.sqrt(32), rel=0.15)
+    assert np.abs(colours.mean(axis=0) - splats.harmonics[:, 0].mean(axis=0)).max() < 0.05
 
 
 def axes_of(splats):

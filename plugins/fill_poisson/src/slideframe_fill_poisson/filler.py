@@ -37,6 +37,9 @@ class PoissonFiller(VolumeFiller):
         description="interior splats: 'paper' 1, 1.5 and 2 times as large as deep, 'engineering' never out of the soil",
     )
     interior_opacity: float = Field(default=0.95, gt=0, le=1, description="opacity of interior splats")
+    color_neighbours: int = Field(
+        default=32, ge=1, le=1000, description="observed splats whose mean colours an interior one; the paper takes 1"
+    )
     minimum_opacity: float = Field(default=0.1, ge=0, lt=1, description="fainter splats don't support the surface")
     oversize_ratio: float = Field(
         default=8.0, gt=1, description="splats larger than this many times the median don't support the surface"
@@ -81,7 +84,9 @@ class PoissonFiller(VolumeFiller):
         _report_volume(measure_volume(surface, lattice), volumes, context)
         context.progress(3, STEPS, particles=len(positions))
         observed = _subset(splats, support.indices)
-        interior = interior_splats(positions, surface, spacing, self.mode, self.interior_opacity, observed)
+        interior = interior_splats(
+            positions, surface, spacing, self.mode, self.interior_opacity, observed, self.color_neighbours
+        )
         context.progress(4, STEPS)
         moving = carriers(splats, positions, surface, region, spacing, self.standing_height)
         context.figure("moving_splats", int((moving != STAYS).sum()))

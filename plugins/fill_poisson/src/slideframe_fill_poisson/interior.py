@@ -20,17 +20,21 @@ LEAST_DEPTH = 1e-3
 
 
 def interior_splats(
-    positions: Float32Array, surface: Surface, spacing: float, mode: Mode, opacity: float, observed: SplatCloud
+    positions: Float32Array,
+    surface: Surface,
+    spacing: float,
+    mode: Mode,
+    opacity: float,
+    observed: SplatCloud,
+    neighbours: int,
 ) -> SplatCloud:
-    """Return one splat for each position (particle, 3), coloured like the nearest of the `observed` splats.
+    """Return one splat for each position (particle, 3), coloured like the `observed` splats nearest to it.
 
     The short axis points to the nearest surface point, at distance d. Standard deviations are (d, 1.5 d, 2 d)
     in paper mode (Liang & Cheng 2026, section 3.3), the long axis lying level. In engineering mode they are
     d / 3 or less along the short axis and half a spacing in plane, less where the surface curves
     into them: at three of them, no axis leaves the soil.
     """
-    from scipy.spatial import cKDTree
-
     foot = surface.nearest(positions)
     towards = (foot - positions).astype(np.float64)
     depth = np.maximum(np.linalg.norm(towards, axis=1), LEAST_DEPTH)
@@ -39,14 +43,28 @@ def interior_splats(
         scales = depth[:, None] * np.array([1.0, 1.5, 2.0])
     else:
         scales = _hidden_scales(positions, axes, depth, surface, spacing)
-    _, nearest = cKDTree(observed.centers).query(foot)
     return SplatCloud(
         centers=positions,
         rotations=_quaternions(axes).astype(np.float32),
         scales=scales.astype(np.float32),
         opacities=np.full(len(positions), opacity, np.float32),
-        harmonics=np.ascontiguousarray(observed.harmonics[nearest, :1]),
+        harmonics=_colors(foot, observed, neighbours),
     )
+
+
+def _colors(foot: Float32Array, observed: SplatCloud, neighbours: int) -> Float32Array:
+    """Return the mean base colour (n, 1, 3) of the observed splats nearest to the surface point, weighed by opacity.
+
+    One splat alone is a poor witness: splats overlap, and colours far outside 0 to 1 are common among them.
+    """
+    from scipy.spatial import cKDTree
+
+    count = min(neighbours, len(observed))
+    _, nearest = cKDTree(observed.centers).query(foot, k=count)
+    nearest = nearest.reshape(len(foot), count)
+    weights = observed.opacities[nearest][:, :, None]
+    colors = (observed.harmonics[nearest, 0] * weights).sum(axis=1) / weights.sum(axis=1)
+    return np.ascontiguousarray(colors[:, None, :], np.float32)
 
 
 def _hidden_scales(

@@ -34,8 +34,10 @@ class TorchSplats(Reconstructor):
     hold_out_every: Annotated[int, AfterValidator(_not_all)] = Field(
         default=8, ge=0, description="every n-th photograph only measures; 0: all train"
     )
-    background: tuple[float, float, float] = Field(
-        default=(0.62, 0.74, 0.86), description="sRGB, 0 to 1, seen where no splat is, such as the sky"
+    background: tuple[float, float, float] | None = Field(
+        default=None,
+        description="sRGB, 0 to 1, seen in training where no splat is; none: another one at each iteration, "
+        "which teaches the ground to be opaque",
     )
 
     def reconstruct(self, survey: Survey, context: Context) -> SplatCloud:

@@ -1,5 +1,6 @@
 """Gradient descent from the sparse cloud to splats that look like the photographs."""
 
+import math
 import time
 from typing import TYPE_CHECKING
 
@@ -32,6 +33,10 @@ RATES = {"rotations": 2e-3, "log_scales": 2e-2, "logits": 4e-2, "base": 2e-2, "r
 OPACITY_WEIGHT = 0.005
 # Shares of the iterations at which the picture has a quarter and a half of its width.
 QUARTER_UNTIL, HALF_UNTIL = 0.15, 0.4
+# A splat's largest scale, in scene extents: beyond it lies a curtain behind the scene, not the ground.
+LARGEST_SHARE = 0.05
+# Where photographs are compared; with opaque ground it matters little.
+NEUTRAL_BACKGROUND = (0.5, 0.5, 0.5)
 CHECKPOINT_EVERY = 200
 REPORT_EVERY = 10
 
@@ -50,7 +55,7 @@ def train(options: "TorchSplats", survey: Survey, context: Context) -> SplatClou
     context.figure("initial_splats", state.start_count)
     context.figure("splats", len(splats))
     context.figure("iterations_per_second", options.iterations / max(state.seconds, 1e-9))
-    report_likeness(splats, held_out, options.background, context)
+    report_likeness(splats, held_out, options.background or NEUTRAL_BACKGROUND, context)
     return splats
 
 
@@ -77,7 +82,8 @@ def optimise(options: "TorchSplats", shown: list[TrainingView], state: State, ex
     while state.iteration < options.iterations:
         began = time.perf_counter()
         pyramid = pyramids[view_index(len(shown), state.iteration, context.seed)]
-        loss = descend(options, pyramid[reduction(state.iteration / options.iterations)], state, extent)
+        view = pyramid[reduction(state.iteration / options.iterations)]
+        loss = descend(options, view, state, extent, context.seed)
         if schedule.is_due(state.iteration):
             target = schedule.target(state.iteration)
             state.parameters = densify(state.parameters, state.adam, state.score, target)
@@ -90,7 +96,7 @@ def optimise(options: "TorchSplats", shown: list[TrainingView], state: State, ex
             checkpoint.save(state, context.scratch)
 
 
-def descend(options: "TorchSplats", view: TrainingView, state: State, extent: float) -> float:
+def descend(options: "TorchSplats", view: TrainingView, state: State, extent: float, seed: int) -> float:
     """Take one step towards one photograph and return the loss before it.
 
     Raises:
@@ -103,7 +109,7 @@ def descend(options: "TorchSplats", view: TrainingView, state: State, extent: fl
         *state.parameters.splats(viewpoint),
         camera=view.camera,
         world_from_camera=view.world_from_camera,
-        background=options.background,
+        background=background(options, state.iteration, seed),
         screen_gradients=screen_gradients,
     )
     drawn, truth = raster.colour.permute(2, 0, 1), view.truth
@@ -117,9 +123,23 @@ def descend(options: "TorchSplats", view: TrainingView, state: State, extent: fl
     loss.backward()  # type: ignore[no-untyped-call]
     require_numbers(loss, raw, view.name, state.iteration)
     state.adam.step(raw, rates(state.iteration / options.iterations, extent))
+    with torch.no_grad():
+        raw["log_scales"].clamp_(max=math.log(LARGEST_SHARE * extent))
     # per px of the whole photograph, so that reduced views weigh the same
     state.score = torch.maximum(state.score, screen_gradients.norm(dim=1) * view.camera.width)
     return float(loss.detach())
+
+
+def background(options: "TorchSplats", iteration: int, seed: int) -> tuple[float, float, float]:
+    """Return what an iteration shows behind the splats.
+
+    Behind one constant colour the ground may stay translucent and let that colour do a part of the work: the film,
+    where the ground moves and opens, would show it.
+    """
+    if options.background is not None:
+        return options.background
+    red, green, blue = np.random.default_rng((seed, iteration, 1)).uniform(size=3)
+    return float(red), float(green), float(blue)
 
 
 def rates(share: float, extent: float) -> dict[str, float]:
