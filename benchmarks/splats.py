@@ -3,17 +3,19 @@
     python benchmarks/splats.py [--splats N] [--repeats N]
 
 `numba` is compiled; `torch` is the reference, which weighs every splat at every pixel. Its gradient keeps about 30
-bytes for each such pair, so both directions are compared with a tenth of the splats. The backends take turns, so that
-a busy moment harms both alike, and compile beforehand.
+bytes for each such pair, so gradients are compared with a twentieth of the splats. `torch` needs most of a minute, so
+it is timed once; `numba` is compiled before, and timed before and after it; the two medians are averaged.
 """
 
 import argparse
 import os
 import platform
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -74,27 +76,50 @@ def psnr(mine: torch.Tensor, theirs: torch.Tensor) -> float:
     return float(-10 * torch.log10((mine - theirs).double().square().mean()))
 
 
-def timed(work: Callable[..., object], *arguments: object) -> tuple[float, float]:
-    """Return wall and CPU milliseconds."""
-    wall, cpu = time.perf_counter(), time.process_time()
-    work(*arguments)
-    return 1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - cpu)
+@dataclass(frozen=True)
+class Timing:
+    """Wall and CPU milliseconds, medians, of work done some times, and what it gave."""
+
+    result: Any
+    wall: float
+    cpu: float
 
 
-def print_heading() -> None:
-    print(f"{'milliseconds':<32}{'best':>10}{'median':>10}{'CPU':>10}{'speed-up':>10}{'CPU':>8}")
+def measure(work: Callable[..., Any], splats: Splats, camera: Camera, backend: str, repeats: int) -> Timing:
+    samples = []
+    for _ in range(repeats):
+        wall, cpu = time.perf_counter(), time.process_time()
+        result = work(splats, camera, backend)
+        samples.append((time.perf_counter() - wall, time.process_time() - cpu))
+    return Timing(result, *(1e3 * np.median(samples, axis=0)))
 
 
-def print_times(
-    what: str, work: Callable[..., object], splats: Splats, camera: Camera, backends: Sequence[str], repeats: int
-) -> None:
-    """Print the milliseconds of each backend, and the ratio of the first one's medians to its own."""
-    samples = [[timed(work, splats, camera, backend) for backend in backends] for _ in range(repeats)]
-    best = np.min(samples, axis=0)[:, 0]
-    medians = np.median(samples, axis=0)
-    for backend, shortest, (wall, cpu) in zip(backends, best, medians, strict=True):
-        ratios = medians[0] / (wall, cpu)
-        print(f"{what:<24}{backend:<8}{shortest:>10.1f}{wall:>10.1f}{cpu:>10.1f}{ratios[0]:>10.1f}{ratios[1]:>8.1f}")
+def check_picture(mine: torch.Tensor, theirs: torch.Tensor) -> None:
+    found = psnr(mine, theirs)
+    print(f"pictures agree to {found:.1f} dB PSNR")
+    if not found >= LEAST_PSNR_DB:
+        raise SystemExit(f"that is less than {LEAST_PSNR_DB:g} dB: times mean nothing")
+
+
+def check_gradients(mine: Splats, theirs: Splats) -> None:
+    errors = [float((one - other).norm() / other.norm()) for one, other in zip(mine, theirs, strict=True)]
+    worst = max(errors)
+    print(f"largest relative difference of a gradient {worst:.1e}, that of {NAMES[errors.index(worst)]}")
+    if not worst <= GRADIENT_TOLERANCE:
+        raise SystemExit(f"that is more than {GRADIENT_TOLERANCE:g}: times mean nothing")
+
+
+def compare(work: Callable[..., Any], check: Callable[..., None], splats: Splats, camera: Camera, repeats: int) -> None:
+    """Show that the backends agree, then their times."""
+    work(splats, camera, "numba")  # compiles
+    print(f"\n{work.__name__}, {len(splats[0]):,} splats, {camera.width} x {camera.height} px: ", end="", flush=True)
+    numba = [measure(work, splats, camera, "numba", repeats)]
+    reference = measure(work, splats, camera, "torch", 1)
+    numba.append(measure(work, splats, camera, "numba", repeats))
+    check(numba[0].result, reference.result)
+    wall, cpu = (float(np.mean([getattr(timing, name) for timing in numba])) for name in ("wall", "cpu"))
+    print(f"numba {wall:.1f} ms ({cpu:.1f} CPU), torch {reference.wall:,.0f} ms ({reference.cpu:,.0f} CPU), ", end="")
+    print(f"ratio {reference.wall / wall:,.0f} ({reference.cpu / cpu:,.0f} CPU)", flush=True)
 
 
 def print_machine(*packages: str) -> None:
@@ -104,48 +129,21 @@ def print_machine(*packages: str) -> None:
     print(", ".join(f"{package} {version(package)}" for package in packages))
 
 
-def check_picture(splats: Splats, camera: Camera) -> None:
-    found = psnr(*(forward(splats, camera, backend) for backend in ("numba", "torch")))
-    print(f"{len(splats[0]):,} splats: the pictures agree to {found:.1f} dB PSNR")
-    if found < LEAST_PSNR_DB:
-        raise SystemExit(f"that is less than {LEAST_PSNR_DB:g} dB: times mean nothing")
-
-
-def check_gradients(splats: Splats, camera: Camera) -> None:
-    mine, theirs = (forward_and_backward(splats, camera, backend) for backend in ("numba", "torch"))
-    errors = [float((one - other).norm() / other.norm()) for one, other in zip(mine, theirs, strict=True)]
-    worst = max(errors)
-    print(
-        f"{len(splats[0]):,} splats: the largest relative gradient difference is {worst:.1e}, {NAMES[errors.index(worst)]}"
-    )
-    if not worst <= GRADIENT_TOLERANCE:
-        raise SystemExit(f"that is more than {GRADIENT_TOLERANCE:g}: times mean nothing")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--splats", type=int, default=20_000)
-    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--repeats", type=int, default=20)
     options = parser.parse_args()
     print_machine("slideframe-gs-torch", "torch", "numba", "numpy")
-
     small, large = camera_of(320, 240), camera_of(640, 480)
-    many, few = random_splats(options.splats), random_splats(options.splats // 10)
-    print("\n320 x 240 px, numba against torch")
-    check_picture(many, small)
-    check_picture(few, small)
-    check_gradients(few, small)
-
-    print_heading()
-    cases = (("forward", forward, many), ("forward", forward, few), ("both ways", forward_and_backward, few))
-    for what, work, splats in cases:
-        print_times(f"{len(splats[0]):,} {what}", work, splats, small, ("torch", "numba"), options.repeats)
+    compare(forward, check_picture, random_splats(options.splats), small, options.repeats)
+    compare(forward_and_backward, check_gradients, random_splats(options.splats // 20), small, options.repeats)
 
     many = random_splats(50_000)
-    print("\n640 x 480 px, numba alone")
-    print_heading()
-    for what, work in (("forward", forward), ("both ways", forward_and_backward)):
-        print_times(f"{len(many[0]):,} {what}", work, many, large, ("numba",), 10 * options.repeats)
+    print(f"\nnumba alone, {len(many[0]):,} splats, {large.width} x {large.height} px")
+    for work in (forward, forward_and_backward):
+        timing = measure(work, many, large, "numba", options.repeats)
+        print(f"{work.__name__:<22}{timing.wall:>8.1f} ms{timing.cpu:>8.1f} CPU-ms")
 
 
 if __name__ == "__main__":

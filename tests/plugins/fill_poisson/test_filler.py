@@ -147,7 +147,7 @@ def test_interior_takes_the_base_colour_of_the_nearest_splat_as_in_the_paper(fil
     shallow = np.flatnonzero((depth < 0.5) & (np.abs(filling.interior.centers) < 4).all(axis=1))
     foot = filling.interior.centers[shallow] + depth[shallow, None] * normal
     nearest = np.linalg.norm(splats.centers - foot[:, None], axis=2).argmin(axis=1)
-    same = (filling.interior.harmonics[shallow, 0] == splats.harmonics[nearest, 0]).all(axis=1)
+    same = np.isclose(filling.interior.harmonics[shallow, 0], splats.harmonics[nearest, 0], rtol=1e-6).all(axis=1)
     assert same.mean() > 0.9
 
 

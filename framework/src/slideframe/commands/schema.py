@@ -43,29 +43,28 @@ def config_schema() -> dict[str, Any]:
 
 def markdown_lines() -> Iterator[str]:
     """Give one table for each table of the config."""
-    for name, field in RunConfig.model_fields.items():
-        if name != "plugins" and isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
-            yield from _table(name, field.annotation)
+    yield from _tables("", RunConfig, without=("plugins",))
     for stage in _importable_stages():
-        yield from _table(f"plugins.{stage.name}", stage)
+        yield from _tables(f"plugins.{stage.name}", stage)
 
 
-def _table(key: str, model: type[BaseModel]) -> Iterator[str]:
-    inner = {}
-    yield from (f"## [{key}]", "", (model.__doc__ or "").splitlines()[0], "")
-    yield from ("| key | default | meaning |", "|---|---|---|")
+def _tables(key: str, model: type[BaseModel], without: tuple[str, ...] = ()) -> Iterator[str]:
+    """Give the model's own keys, then the tables inside it."""
     schema = model.model_json_schema()["properties"]
+    inner, rows = {}, []
     for name, field in model.model_fields.items():
         if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
             inner[name] = field.annotation
-            continue
-        default = "required" if field.is_required() else json.dumps(schema[name].get("default"))
-        choices = " \\| ".join(map(json.dumps, schema[name].get("enum", [])))
-        meaning = "; ".join(filter(None, [field.description, choices]))
-        yield f"| `{name}` | {default} | {meaning} |"
-    yield ""
+        elif name not in without:
+            default = "required" if field.is_required() else json.dumps(schema[name].get("default"))
+            choices = " \\| ".join(map(json.dumps, schema[name].get("enum", [])))
+            meaning = "; ".join(filter(None, [field.description, choices]))
+            rows.append(f"| `{name}` | {default} | {meaning} |")
+    if rows:
+        yield from (f"## {f'[{key}]' if key else 'Top level'}", "", (model.__doc__ or "").splitlines()[0], "")
+        yield from ("| key | default | meaning |", "|---|---|---|", *rows, "")
     for name, annotation in inner.items():
-        yield from _table(f"{key}.{name}", annotation)
+        yield from _tables(f"{key}.{name}".lstrip("."), annotation)
 
 
 def _importable_stages() -> Iterator[type[Stage]]:
