@@ -35,21 +35,24 @@ setup: system-libraries $(READY)
 
 $(READY): constraints.txt requirements-dev.txt framework/pyproject.toml $(PLUGINS:%=%/pyproject.toml)
 	@echo "== set-up: virtual environment in .venv and the pinned packages (about 4 minutes the first time) =="
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "slideframe needs Python >= 3.11; name one with make PYTHON=python3.12"; exit 1; }
-	@test -x $(BIN)/python || $(PYTHON) -m venv .venv || { echo "the venv module is missing: apt-get install python3-venv"; exit 1; }
+	@test -x $(BIN)/pip || $(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --requirement requirements-dev.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --no-build-isolation \
 	  --editable "framework[video]" $(PLUGINS:%=--editable %)
 	@touch $@
 
-# open3d links against these; the names are Debian's and Ubuntu's
+# open3d links against the libraries; the names are Debian's and Ubuntu's. ldconfig is not on every user's path.
 system-libraries:
-	@missing=""; for library in libusb-1.0.so.0:libusb-1.0-0 libGL.so.1:libgl1 libgomp.so.1:libgomp1; do \
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "slideframe needs Python >= 3.11; name one with make PYTHON=python3.12"; exit 1; }
+	@export PATH="$$PATH:/usr/sbin:/sbin"; missing=""; \
+	$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || missing="$$missing python3-venv"; \
+	for library in libusb-1.0.so.0:libusb-1.0-0 libGL.so.1:libgl1 libgomp.so.1:libgomp1; do \
 	  ldconfig -p | grep -q "$${library%%:*}" || missing="$$missing $${library##*:}"; done; \
 	if [ -n "$$missing" ]; then \
 	  if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
-	    echo "== installing system libraries:$$missing =="; apt-get update -qq && apt-get install -y -qq $$missing; \
-	  else echo "open3d needs system libraries. Run this, then the same make again:"; \
+	    echo "== installing system packages:$$missing =="; apt-get update -qq && apt-get install -y -qq $$missing; \
+	  else echo "set-up needs system packages. Run this, then the same make again:"; \
 	    echo "  sudo apt-get install$$missing"; exit 1; fi; fi
 
 clean:

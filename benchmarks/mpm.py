@@ -9,17 +9,15 @@ left out. A frame's time is what a caller waits for: substeps, checks and the co
 """
 
 import argparse
-import os
-import platform
 import statistics
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+from machine import print_machine
 
 from slideframe import registry
 from slideframe.device import Device
@@ -89,13 +87,6 @@ def particle_substeps(filling: Filling, problem: SimulationProblem) -> int:
 def describe(filling: Filling, problem: SimulationProblem) -> str:
     count, frames = len(filling.particle_positions), problem.simulation.frame_count - 1
     return f"{count:,} particles, {frames} frames of {particle_substeps(filling, problem) // count} substeps"
-
-
-def print_machine(*packages: str) -> None:
-    names = [line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
-    processor = names[0].partition(": ")[2] if names else platform.processor()
-    print(f"{processor}, {len(os.sched_getaffinity(0))} cores; Python {platform.python_version()}, ", end="")
-    print(", ".join(f"{package} {version(package)}" for package in packages))
 
 
 def print_agreement(laps: Mapping[str, Lap], start: Filling) -> bool:

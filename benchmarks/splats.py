@@ -8,17 +8,14 @@ it is timed once; `numba` is compiled before, and timed before and after it; the
 """
 
 import argparse
-import os
-import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from machine import print_machine
 
 from slideframe.products import Camera
 from slideframe_gs_torch.rasterize import rasterize
@@ -120,13 +117,6 @@ def compare(work: Callable[..., Any], check: Callable[..., None], splats: Splats
     wall, cpu = (float(np.mean([getattr(timing, name) for timing in numba])) for name in ("wall", "cpu"))
     print(f"numba {wall:.1f} ms ({cpu:.1f} CPU), torch {reference.wall:,.0f} ms ({reference.cpu:,.0f} CPU), ", end="")
     print(f"ratio {reference.wall / wall:,.0f} ({reference.cpu / cpu:,.0f} CPU)", flush=True)
-
-
-def print_machine(*packages: str) -> None:
-    names = [line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
-    processor = names[0].partition(": ")[2] if names else platform.processor()
-    print(f"{processor}, {len(os.sched_getaffinity(0))} cores; Python {platform.python_version()}, ", end="")
-    print(", ".join(f"{package} {version(package)}" for package in packages))
 
 
 def main() -> None:

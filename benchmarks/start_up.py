@@ -10,6 +10,8 @@ import subprocess
 import sys
 import time
 
+from machine import print_machine
+
 CASES = {
     "bare interpreter": ["-c", "pass"],
     "import numpy": ["-c", "import numpy"],
@@ -27,6 +29,7 @@ def measure(arguments: list[str]) -> float:
 
 
 def main() -> None:
+    print_machine("slideframe")
     repeats = int(sys.argv[1]) if len(sys.argv) > 1 else 10
     times: dict[str, list[float]] = {name: [] for name in CASES}
     for _ in range(repeats):  # interleaved, so that a busy moment harms all alike

@@ -9,8 +9,18 @@ from types import TracebackType
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
+from rich.text import Text
 
 from slideframe.bench import Bench, Keyed
 from slideframe.run_folder import RESULT
@@ -31,6 +41,14 @@ HEADLINES = (
     ("solver", "final_run_out_m"),
     ("renderer", "frames_per_second"),
 )
+
+
+class RateColumn(ProgressColumn):
+    """Steps of a stage's own kind in a second: photographs, iterations, frames."""
+
+    def render(self, task: Task) -> Text:
+        """Show the recent rate."""
+        return Text(f"{task.speed:.3g}/s" if task.speed else "")
 
 
 class Silent:
@@ -60,6 +78,7 @@ class Watch:
                 TextColumn("{task.description:<34}"),
                 BarColumn(),
                 TextColumn("{task.percentage:>3.0f} %"),
+                RateColumn(),
                 TimeElapsedColumn(),
                 TextColumn("left"),
                 TimeRemainingColumn(),
