@@ -90,6 +90,8 @@ class Workplace:
             env=self.environment,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
+            # as from a terminal: a test runner started in the background may itself ignore Ctrl-C
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
         deadline = time.monotonic() + 60
         while when not in self.calls and time.monotonic() < deadline:
