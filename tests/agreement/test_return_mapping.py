@@ -94,7 +94,10 @@ def by_taichi(states, corrections, slope, precision):
 @pytest.mark.parametrize("law", [by_warp, by_taichi])
 def test_return_mapping_equals_the_reference(law, precision):
     sand = Sand(friction_angle=22, density=2000, youngs_modulus=5e7, poisson_ratio=0.3)
-    batches = [random_gradients(seed, scale) for seed, scale in enumerate((1e-6, 1e-4, 1e-2, 0.05, 0.3, 1.0))]
+    scales = (1e-6, 1e-4, 1e-2, 0.05, 0.3, 1.0)
+    batches = [random_gradients(seed, scale) for seed, scale in enumerate(scales)]
+    # of the strain itself: an absolute bound would let all small strain be lost
+    size = np.concatenate([np.full(len(part), scale) for scale, (part, _) in zip(scales, batches, strict=True)])
     gradients, corrections = (np.concatenate(parts) for parts in zip(*batches, strict=True))
     mapped, remaining = return_mapping(gradients, corrections, sand)
     left, strain, _ = hencky_strain(mapped)
@@ -103,10 +106,11 @@ def test_return_mapping_equals_the_reference(law, precision):
     states = gradients @ np.swapaxes(gradients, 1, 2) - np.eye(3)
     state, hencky, correction = law(states, corrections, cone_slope(sand), precision)
 
-    limit = TOLERANCE[precision]
-    assert np.abs(hencky - expected).max() <= limit
-    assert np.abs(state - (mapped @ np.swapaxes(mapped, 1, 2) - np.eye(3))).max() <= limit
-    assert np.abs(correction - remaining).max() <= limit
+    # F = 1 + scale carries scale itself only to the rounding of float64 at 1, and the reference's SVD to some of that
+    limit = TOLERANCE[precision] * size + 64 * np.finfo(np.float64).eps
+    assert (np.abs(hencky - expected).max(axis=(1, 2)) <= limit).all()
+    assert (np.abs(state - (mapped @ np.swapaxes(mapped, 1, 2) - np.eye(3))).max(axis=(1, 2)) <= limit).all()
+    assert (np.abs(correction - remaining) <= limit).all()
     elastic = (mapped == gradients).all(axis=(1, 2))
     assert elastic.mean() > 0.05
     assert (remaining > 0).mean() > 0.05

@@ -72,3 +72,9 @@ def test_frames_before_a_failure_are_kept(tmp_path):
     assert next(frames).time == 0
     with pytest.raises(StageFailed, match="blew up"):
         list(frames)
+
+
+def test_cells_that_no_memory_can_hold_are_refused_before_the_surface_is_known():
+    with pytest.raises(ConfigurationError, match="particles: more than"):
+        guards.check_spacing(sand_problem(size=(1000.0, 1000.0), spacing=0.005))
+    guards.check_spacing(sand_problem(size=(100.0, 100.0), spacing=0.5))

@@ -69,6 +69,7 @@ def test_an_unknown_name_suggests_the_nearest(install):
         (good("another_name"), "must equal the entry point's name"),
         (good("odd").replace("return Stage", "return Stage()"), "which is no Stage class"),
         (good("odd").replace("def render(", "def rendr("), "leaves abstract: render"),
+        (good("odd").replace("return Stage", "import not_there"), "fails in its hook: ModuleNotFoundError"),
         (good("odd").replace("def slideframe_stage():", "def slideframe_stage(extra):"), "can't be imported"),
     ],
 )

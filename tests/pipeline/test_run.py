@@ -244,6 +244,9 @@ def test_not_a_number_in_a_product_is_told_with_field_and_place(workplace):
         (["--region.x-min", "99"], 2, "x_min must be less than x_max"),
         (["--regoin.x-min", "9"], 2, "--region.x-min"),
         (["--set", "site.photographs=nowhere"], 2, "no photographs"),
+        (["--set", "plugins.standin_solvr.seconds=1"], 2, "did you mean 'standin_solver'"),
+        (["--view.background", "200", "220", "255"], 2, "less than or equal to 1"),
+        (["--region.x-min", "1", "--solver", "other_solver", "nowhere.toml"], 2, "nrecognized"),
     ],
 )
 def test_bad_input_is_told_before_anything_computes(workplace, arguments, code, message):
@@ -294,3 +297,54 @@ def test_the_resolved_config_runs_the_same(workplace):
     assert again.returncode == 0, again.stderr
     assert workplace.calls == []
     assert workplace.result("again")["keys"] == workplace.result()["keys"]
+
+
+def test_a_config_behind_flags_of_single_keys_is_not_overlooked(workplace):
+    done = workplace.slideframe("run", "--material.density", "1900", "case.toml")
+    assert done.returncode == 2
+    assert "CONFIG" in done.stderr
+    assert workplace.calls == []
+
+
+def test_runs_that_share_a_store_take_turns_at_one_result(workplace):
+    slow = ("--set", "plugins.standin_solver.seconds=0.3")
+    workplace.calls_file.write_text("")
+    first = subprocess.Popen(
+        workplace.command("run", "case.toml", *slow, "--out", "runs/a"),
+        cwd=workplace.folder, env=workplace.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    while "standin_solver" not in workplace.calls:
+        time.sleep(0.05)
+    second = subprocess.run(
+        workplace.command("run", "case.toml", *slow, "--out", "runs/b"),
+        cwd=workplace.folder, env=workplace.environment, capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert first.wait(timeout=60) == 0
+    assert second.returncode == 0, second.stderr
+    assert workplace.calls.count("standin_solver") == 1
+    frames = sorted(item.name for item in (workplace.folder / "runs" / "b" / "particles").glob("0*"))
+    assert frames == [f"{index:06d}" for index in range(11)]
+    assert not list((workplace.folder / "runs" / "store").glob("*.lock"))
+
+
+def test_outputs_of_another_result_do_not_stay(workplace):
+    workplace.run()
+    workplace.run("--region.x-max", "8.5", "--until", "reconstructor")
+    left = {item.name for item in (workplace.folder / "runs" / "case-standin_solver").iterdir()}
+    assert not left & {"film.mp4", "particles"}
+    assert left >= {"splats.ply", "cameras", "recording.rrd", "result.json"}
+
+
+def test_a_solver_that_stops_early_is_told_and_not_stored(workplace):
+    done = workplace.slideframe("run", "case.toml", "--set", "plugins.standin_solver.leave_out=2")
+    assert done.returncode == 3
+    assert "gave 9 items of 11" in done.stderr
+    assert not list((workplace.folder / "runs" / "store").glob("solver-*[!l]/manifest.json"))
+
+
+def test_a_relative_folder_of_photographs_means_the_same_in_the_resolved_config(workplace):
+    shutil.copytree(workplace.folder / "photographs", workplace.folder / "others")
+    workplace.run("--site.photographs", "others")
+    again = workplace.slideframe("run", "runs/case-standin_solver/run.toml", "--out", "runs/again")
+    assert again.returncode == 0, again.stderr
+    assert workplace.calls == []

@@ -6,13 +6,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Generic, Protocol, TypeVar, cast
 
+from slideframe import __version__
 from slideframe.arrays import Product
 from slideframe.catalogue import Listing
 from slideframe.crew import device_for
 from slideframe.device import Device
 from slideframe.errors import PluginError, SlideframeError, StageFailed
 from slideframe.meter import Meter
-from slideframe.problem import ProblemModel, Site
+from slideframe.problem import ProblemModel, SimulationProblem, Site
 from slideframe.products import Filling, ParticleFrame, Picture, SplatCloud, Survey
 from slideframe.stages import Context, PoseSource, Stage, StageKind
 from slideframe.store import Entry, Store, digest, digest_file
@@ -99,7 +100,9 @@ class Bench:
         if not cached:
             self.computed.add(stage.kind)
             if not self.dry:
-                self._compute(stage, work, inputs, ingredients, result.entry)
+                with result.entry.held():
+                    if not result.entry.is_whole:
+                        self._compute(stage, work, inputs, ingredients, result.entry)
         self.results[stage.kind] = result
         if not self.dry:
             self.watcher.finished(stage, result, cached)
@@ -123,6 +126,7 @@ class Bench:
             files = [[str(path), digest_file(path)] for path in stage.input_files(site)]
         return {
             "plugin": [listing.distribution, listing.name, listing.version],
+            "framework": __version__,
             "options": stage.model_dump(mode="json"),
             "inputs": [
                 item.entry.content if isinstance(item, Keyed) else item.model_dump(mode="json") for item in inputs
@@ -160,7 +164,7 @@ class Bench:
         try:
             product = work(*map(_unwrap, inputs), context)
             if stage.kind in STREAMS:
-                entry.write_stream(self._checked_items(stage, product), finish)
+                entry.write_stream(self._checked_items(stage, product, inputs), finish)
             else:
                 entry.write(self._checked(stage, product), finish)
         except SlideframeError:
@@ -172,11 +176,22 @@ class Bench:
                 cure="the log file holds the traceback; results of earlier stages are kept",
             ) from error
 
-    def _checked_items(self, stage: Stage, items: Any) -> Iterator[Product]:
+    def _checked_items(
+        self, stage: Stage, items: Any, inputs: tuple[Keyed[Any] | ProblemModel, ...]
+    ) -> Iterator[Product]:
         if not isinstance(items, Iterator):
             raise self._wrong(stage, items)
+        count = 0
         for item in items:
+            count += 1
             yield self._checked(stage, item)
+        expected = _expected_items(inputs)
+        if count != expected:
+            raise PluginError(
+                f"{self.listings[stage.name]} gave {count} items of {expected}",
+                where=f"stage {stage.kind}",
+                cure="a solver yields one frame for each output time, a renderer one picture for each frame",
+            )
 
     def _checked(self, stage: Stage, product: object) -> Product:
         if not isinstance(product, PRODUCT_OF[stage.kind]):
@@ -189,6 +204,16 @@ class Bench:
             where=f"stage {stage.kind}",
             cure="see docs/writing_a_plugin.md",
         )
+
+
+def _expected_items(inputs: tuple[Keyed[Any] | ProblemModel, ...]) -> int:
+    """Return how many frames the problem asks for, or how many the motion holds."""
+    for item in inputs:
+        if isinstance(item, SimulationProblem):
+            return item.simulation.frame_count
+        if isinstance(item, Keyed) and item.kind == "solver":
+            return len(item.value)
+    raise AssertionError("a stream is made from a simulation or a motion")
 
 
 def _unwrap(item: Any) -> Any:

@@ -1,5 +1,6 @@
 """The five chosen stages of a run, found, validated and preflighted before any of them computes."""
 
+import difflib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -55,7 +56,20 @@ def load_classes(choice: StageChoice) -> dict[StageKind, type[Stage]]:
 
 
 def assemble(config: RunConfig) -> Crew:
-    """Load the chosen stages with their options; tables of plugins that are not chosen are left alone."""
+    """Load the chosen stages with their options; tables of plugins that are not chosen are left alone.
+
+    Raises:
+        ConfigurationError: a table's plugin is not installed, or an option is wrong.
+    """
+    known = {listing.name for listing in catalogue.installed()}
+    for name in config.plugins:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            raise ConfigurationError(
+                f"options are given for '{name}', but no plugin of that name is installed",
+                where=f"[plugins.{name}]",
+                cure=f"did you mean '{near[0]}'?" if near else "remove the table, or install the plugin",
+            )
     stages: dict[str, Any] = {
         kind: validate(stage, config.plugins.get(stage.name, {}), f"[plugins.{stage.name}]")
         for kind, stage in load_classes(config.stages).items()

@@ -17,15 +17,18 @@ from slideframe.stages import Context
 # Particles may start this share of a cell outside the walls: the rounding of a float32 coordinate, not a mistake.
 START_TOLERANCE = 0.01
 
+# Position, velocity, deformation and stress of one particle in float32, without any solver's extras.
+LEAST_BYTES_PER_PARTICLE = 100
+
 # The renderer can use stretches between these bounds: beyond them a splat becomes a needle (docs/physics.md).
 STRETCH_BOUNDS = (0.5, 2.0)
 
 
 def check_spacing(problem: SimulationProblem) -> None:
-    """Refuse a grid with less than two cells across the region.
+    """Refuse a grid with less than two cells across the region, or with more than memory can surely hold.
 
     Raises:
-        ConfigurationError: the cells are too large.
+        ConfigurationError: the cells are too large or too small.
     """
     region, spacing = problem.region, problem.simulation.grid_spacing
     narrowest = min(region.x_max - region.x_min, region.y_max - region.y_min)
@@ -34,6 +37,16 @@ def check_spacing(problem: SimulationProblem) -> None:
             f"grid_spacing {spacing:g} m leaves less than two cells across the region's {narrowest:g} m",
             where="simulation.grid_spacing",
             cure=f"use at most {narrowest / 2:g} m; six or more cells across the moving mass give useful results",
+        )
+    # before the surface is known, at least one layer of cells is certain
+    columns = (region.x_max - region.x_min) * (region.y_max - region.y_min) / spacing**2
+    certain_bytes = columns * problem.simulation.particles_per_cell * LEAST_BYTES_PER_PARTICLE
+    if certain_bytes > available_memory():
+        raise ConfigurationError(
+            f"one layer of cells of {spacing:g} m holds {columns * problem.simulation.particles_per_cell:,.0f} particles: "
+            f"more than the {available_memory() / 1e9:.1f} GB of free memory can hold",
+            where="simulation.grid_spacing",
+            cure="raise grid_spacing or make the region smaller",
         )
 
 

@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slideframe.arrays import Float64Array
 from slideframe.problem import SimulationProblem
 from slideframe.products import Filling, ParticleFrame
 
-# the front is where 99 % of the mass has stopped short: the farthest particle alone is an outlier
-FRONT_PERCENTILE = 99.0
+# the farthest particle alone is an outlier
+FRONT_SHARE = 0.99
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,7 @@ class FrameFigures:
     Attributes:
         kinetic_energy_j: sum of m v² / 2.
         potential_energy_j: -sum of m g·(x - x₀), zero at t = 0.
-        run_out_m: 99th percentile of the horizontal distance travelled since t = 0.
+        run_out_m: horizontal distance since t = 0 that 99 % of the mass has not passed.
         mean_displacement_m: mean distance travelled since t = 0.
         fastest_m_per_s: highest particle speed.
         escaped_particles: particles held at the edge of the grid.
@@ -40,8 +41,15 @@ def measure(frame: ParticleFrame, filling: Filling, problem: SimulationProblem) 
     return FrameFigures(
         kinetic_energy_j=float(0.5 * masses @ squared_speed),
         potential_energy_j=float(-masses @ (displacement @ np.asarray(problem.simulation.gravity))),
-        run_out_m=float(np.percentile(np.hypot(displacement[:, 0], displacement[:, 1]), FRONT_PERCENTILE)),
+        run_out_m=_front(np.hypot(displacement[:, 0], displacement[:, 1]), masses),
         mean_displacement_m=float(np.linalg.norm(displacement, axis=1).mean()),
         fastest_m_per_s=float(np.sqrt(squared_speed.max())),
         escaped_particles=frame.escaped,
     )
+
+
+def _front(distances: Float64Array, masses: Float64Array) -> float:
+    """Return the least distance that FRONT_SHARE of the mass stays within."""
+    order = np.argsort(distances)
+    reached = np.cumsum(masses[order])
+    return float(distances[order][np.searchsorted(reached, FRONT_SHARE * reached[-1])])

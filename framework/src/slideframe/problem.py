@@ -11,6 +11,7 @@ from slideframe.arrays import Float32Array, Float64Array
 from slideframe.products import Camera
 
 Vector = tuple[float, float, float]
+Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class ProblemModel(BaseModel):
@@ -152,7 +153,7 @@ class View(ProblemModel):
     )
     turn: float = Field(default=0.0, description="degrees of azimuth that the camera turns during the film")
     field_of_view: float = Field(default=50.0, gt=1, lt=150, description="horizontal, degrees")
-    background: tuple[float, float, float] = Field(default=(0.62, 0.74, 0.86), description="sRGB, 0 to 1")
+    background: tuple[Share, Share, Share] = Field(default=(0.62, 0.74, 0.86), description="sRGB, 0 to 1")
 
 
 class FillingProblem(ProblemModel):
@@ -177,12 +178,14 @@ class SimulationProblem(ProblemModel):
     def time_step(self, grid: "Grid") -> tuple[float, int]:
         """Return the substep in s and the whole number of substeps in a frame.
 
-        dt = cfl dx / (c_p + v), where v = sqrt(2 |g| h) is the speed of a free fall through the
-        height h of the grid: a bound known beforehand, so that every backend takes the same steps.
+        dt = cfl dx / (c_p + v), where v = sqrt(2 sum |g_i| L_i) is the speed of a free fall from one corner
+        of the grid, of extent L, to the opposite one: a bound known beforehand, so that every backend takes
+        the same steps.
         The substep is shortened so that output times are met exactly.
         """
         simulation = self.simulation
-        fall_speed = math.sqrt(2 * math.hypot(*simulation.gravity) * grid.height)
+        falls = zip(simulation.gravity, grid.extent, strict=True)
+        fall_speed = math.sqrt(2 * sum(abs(gravity) * length for gravity, length in falls))
         longest = simulation.cfl * grid.spacing / (self.material.pressure_wave_speed + fall_speed)
         substeps = math.ceil(1 / (simulation.frame_rate * longest))
         return 1 / (simulation.frame_rate * substeps), substeps
@@ -203,9 +206,10 @@ class Grid(ProblemModel):
     padding: int = 3
 
     @property
-    def height(self) -> float:
-        """From floor to the top of the grid, m."""
-        return self.spacing * (self.shape[2] - 1 - self.padding)
+    def extent(self) -> Vector:
+        """From wall to wall, and from the floor to the top of the grid, m."""
+        across = [self.spacing * (high - self.padding) for high in self.high]
+        return across[0], across[1], self.spacing * (self.shape[2] - 1 - self.padding)
 
     @property
     def node_count(self) -> int:

@@ -17,6 +17,7 @@ from PIL import Image
 
 from slideframe.arrays import Float32Array, UInt8Array
 from slideframe.coupling import Coupling, MovedSplats
+from slideframe.errors import StoreError
 from slideframe.motion import measure
 from slideframe.photographs import load_photograph
 from slideframe.problem import SimulationProblem
@@ -25,6 +26,8 @@ from slideframe.products import Filling, ParticleFrame, Picture, SplatCloud, Sur
 IndexArray = npt.NDArray[np.int64]
 
 APPLICATION = "slideframe"
+# far more than a recording of the budget below takes on a slow disk
+FLUSH_SECONDS = 120.0
 # bytes that moving centres may take; the rest of a demo recording is below 60 MB
 MOTION_BUDGET_BYTES = 150_000_000
 DRAWN_SPLATS = 300_000
@@ -58,7 +61,14 @@ class Recording:
 
     def close(self) -> None:
         """Finish the file and give it its name."""
-        self.stream.flush()
+        try:
+            self.stream.flush(timeout_sec=FLUSH_SECONDS)
+        except Exception as error:  # rerun's own classes; a full disk stops its writer without a word
+            raise StoreError(
+                f"the recording can't be written: {error}",
+                where=str(self._partial),
+                cure="free some space; the same command goes on from here",
+            ) from error
         self.stream.disconnect()
         self._partial.rename(self._path)
 
@@ -100,7 +110,7 @@ def log_survey(stream: rr.RecordingStream, survey: Survey) -> None:
     stream.log("survey/points", rr.Points3D(survey.sparse_points, colors=survey.sparse_colors, radii=-1.5), static=True)
     for index in _thinned(len(survey.photographs), DRAWN_PHOTOGRAPHS):
         pixels, camera, _ = load_photograph(survey, index, width=PHOTOGRAPH_WIDTH)
-        entity = f"survey/cameras/{survey.photographs[index].path.stem}"
+        entity = f"survey/cameras/{index:04d}_{survey.photographs[index].path.stem}"
         pose = survey.world_from_camera[index]
         stream.log(
             entity,

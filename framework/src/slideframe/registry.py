@@ -41,7 +41,12 @@ def _register(manager: pluggy.PluginManager, listing: Listing) -> None:
     callers = manager.get_hookcallers(module) or []
     if not any(caller.name == "slideframe_stage" for caller in callers):
         raise _broken(listing, "has no hook 'slideframe_stage'")
-    stage = module.slideframe_stage()
+    try:
+        stage = module.slideframe_stage()
+    except Exception as error:
+        raise _broken(listing, f"fails in its hook: {type(error).__name__}: {error}") from error
+    if not listing.name.isidentifier():
+        raise _broken(listing, "must have a name of letters, digits and underscores, to be a key and a flag")
     if not (inspect.isclass(stage) and issubclass(stage, Stage)):
         raise _broken(listing, f"returned {stage!r}, which is no Stage class")
     if inspect.isabstract(stage):

@@ -13,9 +13,10 @@ particles/      -> the solver's frames in the store, one folder of .npy files ea
 import fcntl
 import json
 import logging
+import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,7 +84,9 @@ class RunFolder:
     ) -> None:
         """Write everything that the results at hand allow; `result.json` last."""
         with storing(self.folder):
-            (self.folder / RESULT).unlink(missing_ok=True)
+            for name in (RESULT, RECORDING, FILM, "splats.ply", "particles"):  # nothing of another result stays
+                (self.folder / name).unlink(missing_ok=True)
+            shutil.rmtree(self.folder / "cameras", ignore_errors=True)
         left_out = self._exchange_files(bench)
         if film and "renderer" in bench.results:
             self._film(config, bench, progress)
@@ -112,7 +115,6 @@ class RunFolder:
                 write_splat_ply(bench.results["reconstructor"].value, self.folder / "splats.ply")
             if "solver" in bench.results:
                 link = self.folder / "particles"
-                link.unlink(missing_ok=True)
                 link.symlink_to(bench.results["solver"].entry.folder.resolve(), target_is_directory=True)
         return left_out
 
@@ -164,7 +166,7 @@ class RunFolder:
         """Look from where the film begins, once it is known where the mass lies."""
         from slideframe.record import Eye
 
-        if "volume_filler" not in values:
+        if "volume_filler" not in values or not len(values["volume_filler"].particle_positions):
             return None
         positions = values["volume_filler"].particle_positions
         bounds = np.stack([positions.min(axis=0), positions.max(axis=0)])
@@ -231,10 +233,12 @@ class JsonLines(logging.Handler):
         }
         if record.exc_info:
             entry["traceback"] = logging.Formatter().formatException(record.exc_info)
-        self._stream.write(json.dumps(entry) + "\n")
-        self._stream.flush()
+        with suppress(OSError):  # a full disk is told by what failed to be stored, not by the log of it
+            self._stream.write(json.dumps(entry) + "\n")
+            self._stream.flush()
 
     def close(self) -> None:
         """Close the file."""
-        self._stream.close()
+        with suppress(OSError):
+            self._stream.close()
         super().close()

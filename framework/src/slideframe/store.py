@@ -6,6 +6,7 @@ store/<kind>-<key>.scratch/   the computing stage's own folder; gone when its pr
 """
 
 import errno
+import fcntl
 import hashlib
 import json
 import os
@@ -51,6 +52,9 @@ def storing(path: Path) -> Iterator[None]:
         cures = {
             errno.ENOSPC: "free some space, or name another folder with --out; the same command goes on from here",
             errno.EDQUOT: "free some of your quota, or name another folder with --out",
+            errno.EEXIST: "a file stands in the way; name another folder with --out",
+            errno.ENOTDIR: "a file stands in the way; name another folder with --out",
+            errno.EISDIR: "a folder stands in the way of a file; move it, or name another folder with --out",
             errno.EROFS: "name a writable folder with --out",
             errno.EACCES: "name a writable folder with --out",
         }
@@ -99,7 +103,14 @@ class Entry:
     @property
     def manifest(self) -> dict[str, Any]:
         """Figures and origin of the stored result."""
-        return cast(dict[str, Any], _read_json(self.folder / MANIFEST))
+        try:
+            return cast(dict[str, Any], _read_json(self.folder / MANIFEST))
+        except (OSError, ValueError) as error:
+            raise StoreError(
+                f"a stored result is damaged: {error}",
+                where=str(self.folder),
+                cure="delete its folder in the store, then run again",
+            ) from error
 
     @property
     def content(self) -> str:
@@ -113,6 +124,17 @@ class Entry:
         with storing(folder):
             folder.mkdir(parents=True, exist_ok=True)
         return folder
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Keep other runs from computing this result at the same time; they wait, and find it whole."""
+        path = self._beside(".lock")
+        with storing(path):
+            handle = path.open("w")
+        with handle:
+            fcntl.flock(handle, fcntl.LOCK_EX)
+            yield
+        path.unlink(missing_ok=True)
 
     def write(self, product: Product, finish: Callable[[], dict[str, Any]]) -> None:
         """Store one product; `finish` gives the manifest once all else is written."""
@@ -150,6 +172,7 @@ class Entry:
             partial.mkdir(parents=True)
         yield partial
         with storing(self.folder):
+            os.sync()  # the arrays too are on the disk before the result counts as whole
             shutil.rmtree(self.folder, ignore_errors=True)
             partial.rename(self.folder)
             _sync_folder(self.folder.parent)
@@ -206,7 +229,7 @@ def read_product(folder: Path, product: type[ProductType]) -> ProductType:
             annotation = product.model_fields[name].annotation
             fields[name] = read_product(folder / name, cast(type[Product], annotation))
         return product.model_validate(fields)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, EOFError, SyntaxError) as error:  # SyntaxError: a damaged PNG
         raise StoreError(
             f"a stored result is damaged: {error}",
             where=str(folder),

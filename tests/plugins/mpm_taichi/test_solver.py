@@ -89,12 +89,25 @@ def test_threads_do_not_change_a_bit(tmp_path):
         "from slideframe.testing.solver_scenes import block_filling, sand_problem\n"
         "from slideframe.testing.evidence import digest, fresh_context\n"
         "from slideframe_mpm_taichi.solver import TaichiSolver\n"
-        "problem = sand_problem(size=(8.0, 1.0))\n"
-        "block = block_filling((0.5, 0.0, 0.0), (7.5, 0.5, 0.5))\n"
+        "problem = sand_problem(size=(8.0, 1.0), gravity=(9.81, 0.0, -9.81), duration=0.8)\n"
+        "block = block_filling((0.5, 0.0, 0.0), (5.0, 0.5, 0.5))\n"
         "frames = list(TaichiSolver().solve(block, problem, fresh_context(Path(tempfile.mkdtemp()))))\n"
         "sys.stderr.write(digest(frames[-1]))\n"
     )
     environment = {**os.environ, "TI_CPU_MAX_NUM_THREADS": "3", "ENABLE_TAICHI_HEADER_PRINT": "0"}
     done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
-    here = solve(sand_problem(size=(8.0, 1.0)), tmp_path, block_filling((0.5, 0.0, 0.0), (7.5, 0.5, 0.5)))
+    # on its slip floor the block crosses a dozen cells, so that slabs are cut anew many times
+    problem = sand_problem(size=(8.0, 1.0), gravity=(9.81, 0.0, -9.81), duration=0.8)
+    here = solve(problem, tmp_path, block_filling((0.5, 0.0, 0.0), (5.0, 0.5, 0.5)))
+    assert (here[-1].positions - here[0].positions)[:, 0].mean() > 10 * 0.25
     assert done.stderr == digest(here[-1])
+
+
+def test_slabs_of_one_colour_share_no_node_within_the_drift_allowed():
+    """A stencil starts at the node below x - 0.5 and has three nodes; particles drift by MOST_DRIFT cells at most."""
+    from slideframe_mpm_taichi.kernels import SLAB_WIDTH
+    from slideframe_mpm_taichi.stepper import MOST_DRIFT
+
+    last_of_one = int(np.floor(SLAB_WIDTH - 1e-9 + MOST_DRIFT)) + 2
+    first_of_next = int(np.floor(2 * SLAB_WIDTH - MOST_DRIFT))
+    assert last_of_one < first_of_next

@@ -34,7 +34,8 @@ def main(arguments: Sequence[str]) -> int:
     template = (files("slideframe.commands") / "template.toml").read_text(encoding="utf-8")
     with storing(options.path):
         options.path.parent.mkdir(parents=True, exist_ok=True)
-        options.path.write_text(template.replace("PHOTOGRAPHS", options.photographs.as_posix()), encoding="utf-8")
+        photographs = options.photographs.absolute().as_posix().replace("\\", "\\\\").replace('"', '\\"')
+        options.path.write_text(template.replace("PHOTOGRAPHS", photographs), encoding="utf-8")
         schema = options.path.with_name(SCHEMA)
         schema.write_text(json.dumps(config_schema(), indent=1), encoding="utf-8")
     print(f"wrote {options.path} and {schema}; next:")

@@ -19,8 +19,9 @@ from slideframe.commands.progress import Silent, Watch, print_plan, print_result
 from slideframe.config import STAGE_KINDS, RunConfig, apply_override, read_toml, validate
 from slideframe.crew import Crew, assemble
 from slideframe.device import parse_device
-from slideframe.errors import SlideframeError, StoreError
+from slideframe.errors import ConfigurationError, SlideframeError, StoreError
 from slideframe.formats.video import require_encoder
+from slideframe.problem import Site
 from slideframe.run_folder import LOG, JsonLines, RunFolder
 from slideframe.stages import StageKind
 from slideframe.store import Store
@@ -68,7 +69,13 @@ def main(arguments: Sequence[str]) -> int:
     options = tyro.cli(RunOptions, args=_own_arguments(arguments), prog="slideframe run")
     config = read_config(options)
     if set(arguments) - set(_own_arguments(arguments)):
-        config = _parse_tuning(config, arguments)
+        parsed, config = _parse_tuning(config, arguments)
+        if parsed != options:
+            raise ConfigurationError(
+                "the config and the run's own flags must stand before the flags of single keys",
+                where=f"slideframe run {' '.join(arguments)}",
+                cure="write slideframe run CONFIG --solver NAME ... --table.key VALUE ...",
+            )
     return _run(options, config)
 
 
@@ -92,10 +99,16 @@ def read_config(options: RunOptions) -> RunConfig:
     for kind in STAGE_KINDS:
         if name := getattr(options, kind):
             apply_override(content, f'stages.{kind}="{name}"')
-    return validate(RunConfig, content, str(options.config or "the embedded demo"))
+    config = validate(RunConfig, content, str(options.config or "the embedded demo"))
+    return config.model_copy(update={"site": absolute_site(config.site)})
 
 
-def _parse_tuning(config: RunConfig, arguments: Sequence[str]) -> RunConfig:
+def absolute_site(site: Site) -> Site:
+    """Return the site with its folder from the root, so that the resolved config means the same anywhere."""
+    return Site(photographs=site.photographs.absolute())
+
+
+def _parse_tuning(config: RunConfig, arguments: Sequence[str]) -> tuple[RunOptions, RunConfig]:
     """Parse again, with a flag for every key of the problem and every option of the chosen plugins."""
     stages = assemble(config)
     tables = {stage.name: stage for stage in stages.stages()}
@@ -115,10 +128,13 @@ def _parse_tuning(config: RunConfig, arguments: Sequence[str]) -> RunConfig:
         frozen=True,
     )
     everything.__doc__ = RunOptions.__doc__
-    parsed: Any = tyro.cli(everything, args=list(arguments), prog="slideframe run")
+    # a nested optional model would else become a subcommand, whose order matters
+    markers = (tyro.conf.AvoidSubcommands,)
+    parsed: Any = tyro.cli(everything, args=list(arguments), prog="slideframe run", config=markers)
     changed = {name: getattr(parsed, name) for name in keys}
     tuning = {name: getattr(parsed.plugins, name).model_dump(mode="json") for name in tables}
-    return RunConfig(**changed, stages=config.stages, plugins=dict(config.plugins) | tuning)
+    changed["site"] = absolute_site(changed["site"])
+    return parsed.options, RunConfig(**changed, stages=config.stages, plugins=dict(config.plugins) | tuning)
 
 
 def _run(options: RunOptions, config: RunConfig) -> int:
@@ -150,11 +166,19 @@ def _run(options: RunOptions, config: RunConfig) -> int:
             except SlideframeError as error:
                 _log.error("%s", error, exc_info=True)
                 if bench.results and not isinstance(error, StoreError):
-                    run_folder.deliver(config, bench, options.film, watch.delivering)  # what there is, to look at
+                    _deliver_what_there_is(run_folder, config, bench, watch)
                 raise
             run_folder.deliver(config, bench, options.film, watch.delivering)
     print_result(out)
     return 0
+
+
+def _deliver_what_there_is(run_folder: RunFolder, config: RunConfig, bench: Bench, watch: Watch) -> None:
+    """Write the finished stages' outputs beside an error; a fault in that never hides the error itself."""
+    try:
+        run_folder.deliver(config, bench, False, watch.delivering)
+    except Exception:
+        _log.exception("the outputs of the finished stages could not be written")
 
 
 def _carry_out(config: RunConfig, crew: Crew, bench: Bench) -> None:

@@ -37,6 +37,8 @@ def config_schema() -> dict[str, Any]:
     """Return the JSON Schema of a config, the installed plugins' options included."""
     schema = RunConfig.model_json_schema()
     tables = {stage.name: stage.model_json_schema() for stage in _importable_stages()}
+    for table in tables.values():
+        schema["$defs"] |= table.pop("$defs", {})  # references are meant from the root
     schema["properties"]["plugins"] = {"type": "object", "properties": tables}
     return schema
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import torch
 
+from slideframe.errors import InputError
 from slideframe.products import SplatCloud
 from slideframe_gs_torch.harmonics import evaluate_harmonics
 from slideframe_gs_torch.image_loss import structural_similarity
@@ -42,8 +43,11 @@ def likeness(splats: SplatCloud, view: TrainingView, background: tuple[float, fl
     drawn, truth = draw_view(splats, view, background), view.truth
     if view.mask is not None:
         drawn = torch.where(view.mask, drawn, truth)
-    square = (drawn - truth).double().square().sum() / (
-        3 * (truth[0].numel() if view.mask is None else view.mask.sum())
-    )
+    share = 1.0 if view.mask is None else float(view.mask.double().mean())
+    if share == 0:
+        raise InputError("the lens saw nothing in this photograph", where=view.name, cure="leave it out, or its mask")
+    square = (drawn - truth).double().square().mean() / share
     psnr = -10 * torch.log10(square.clamp_min(SMALLEST_SQUARE))
-    return Likeness(float(psnr), structural_similarity(drawn, truth))
+    # where the lens saw nothing both pictures are alike and count as 1: take that part off again
+    ssim = (structural_similarity(drawn, truth) - (1 - share)) / share
+    return Likeness(float(psnr), ssim)

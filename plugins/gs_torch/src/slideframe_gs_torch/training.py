@@ -35,6 +35,8 @@ OPACITY_WEIGHT = 0.005
 QUARTER_UNTIL, HALF_UNTIL = 0.15, 0.4
 # A splat's largest scale, in scene extents: beyond it lies a curtain behind the scene, not the ground.
 LARGEST_SHARE = 0.05
+# Its smallest: far below a pixel, and far above the underflow that would void the limit on its shape.
+SMALLEST_SHARE = 1e-7
 # Where photographs are compared; with opaque ground it matters little.
 NEUTRAL_BACKGROUND = (0.5, 0.5, 0.5)
 CHECKPOINT_EVERY = 200
@@ -124,7 +126,7 @@ def descend(options: "TorchSplats", view: TrainingView, state: State, extent: fl
     require_numbers(loss, raw, view.name, state.iteration)
     state.adam.step(raw, rates(state.iteration / options.iterations, extent))
     with torch.no_grad():
-        raw["log_scales"].clamp_(max=math.log(LARGEST_SHARE * extent))
+        raw["log_scales"].clamp_(math.log(SMALLEST_SHARE * extent), math.log(LARGEST_SHARE * extent))
     # per px of the whole photograph, so that reduced views weigh the same
     state.score = torch.maximum(state.score, screen_gradients.norm(dim=1) * view.camera.width)
     return float(loss.detach())

@@ -305,6 +305,7 @@ def grid_to_particles(
     grid: Array,
     stride: ti.types.vector(2, ti.i32),
     positions: Array,
+    residuals: Array,
     velocities: Array,
     affines: Array,
     elastic_states: Array,
@@ -346,18 +347,25 @@ def grid_to_particles(
             elastic_states[particle] = pack(state)
             volume_corrections[particle] = correction
             velocities[particle] = velocity
+            residual = residuals[particle]
             for axis in ti.static(range(3)):
-                moved = position[axis] + time_step / spacing * velocity[axis]
+                # Kahan's summation: a slow particle's step is below the rounding of its place, and would be lost
+                step = time_step / spacing * velocity[axis] + residual[axis]
+                moved = position[axis] + step
+                residual[axis] = step - (moved - position[axis])
                 # written so that NaN, too, is held: an index made of it would leave the grid
                 if not (moved >= 1.0):
                     moved = 1.0
+                    residual[axis] = 0.0
                     held[particle] = 1
                 if moved > shape[axis] - 2.0:
                     moved = shape[axis] - 2.0
+                    residual[axis] = 0.0
                     held[particle] = 1
                 position[axis] = moved
                 chunk_fastest = ti.max(chunk_fastest, ti.abs(velocity[axis]))
             positions[particle] = position
+            residuals[particle] = residual
         fastest[chunk] = chunk_fastest
 
 

@@ -18,9 +18,13 @@ WALL_KINDS = {"slip": 0, "stick": 1, "friction": 2}
 # term, of relative size norm^6 / 7, is below the rounding of the type.
 SERIES_RADIUS = {"float32": 0.08, "float64": 0.003}
 
-# positions, velocities, affines, elastic states, volume corrections, deformation gradients, masses, volumes,
+# Slabs of equal colour share no node while particles stay within one cell of where they were sorted; the rest is for
+# the rounding of positions and of this sum.
+MOST_DRIFT = 0.9
+
+# positions, residuals, velocities, affines, elastic states, volume corrections, deformation gradients, masses, volumes,
 # held and identities; twice, since sorting copies
-REALS_PER_PARTICLE = 2 * (3 + 3 + 9 + 6 + 1 + 9 + 1 + 1 + 1 + 1)
+REALS_PER_PARTICLE = 2 * (3 + 3 + 3 + 9 + 6 + 1 + 9 + 1 + 1 + 1 + 1)
 # momentum and mass, and the start of each cell
 REALS_PER_NODE = 4 + 1
 
@@ -36,7 +40,7 @@ class Stepper:
         self.time_step, _ = problem.time_step(grid)
         self.coloured = device.kind == "cpu"
         self.stride = (grid.shape[1] * grid.shape[2], grid.shape[2])
-        # how far, in cells, a particle may have moved since the last sort; unsorted at first
+        # a bound on how far, in cells, a particle has moved since the last sort; unsorted at first
         self.drift = np.inf
         self._allocate(filling, problem.material.density, problem.simulation.gravity)
         self._arrange(problem)
@@ -52,6 +56,7 @@ class Stepper:
         volumes = filling.particle_volumes.astype(np.float64)
         start = {
             "positions": (vector, cells),
+            "residuals": (vector, np.zeros((self.count, 3))),
             "velocities": (vector, np.zeros((self.count, 3))),
             "affines": (matrix, np.zeros((self.count, 3, 3))),
             "elastic_states": (ti.types.vector(6, real), np.zeros((self.count, 6))),
@@ -98,7 +103,7 @@ class Stepper:
         """Advance by one time step."""
         from slideframe_mpm_taichi import kernels
 
-        if self.coloured and self.drift > 1.0:
+        if self.coloured and self.drift > MOST_DRIFT:
             self._sort()
         self.nodes.fill(0.0)
         particles = self.particles
@@ -110,7 +115,7 @@ class Stepper:
             kernels.particles_to_grid_atomic(*moving, self.stride, self.nodes)
         kernels.update_grid(self.nodes, *self._update)
         names = (
-            "positions", "velocities", "affines", "elastic_states", "volume_corrections",
+            "positions", "residuals", "velocities", "affines", "elastic_states", "volume_corrections",
             "deformation_gradients", "held", "masses", "volumes",
         )  # fmt: skip
         kernels.grid_to_particles(

@@ -266,6 +266,7 @@ def grid_to_particles(
     grid: wp.array(dtype=Vector4),
     stride: wp.vec2i,
     positions: wp.array(dtype=Vector),
+    residuals: wp.array(dtype=Vector),
     velocities: wp.array(dtype=Vector),
     affines: wp.array(dtype=Matrix),
     elastic_states: wp.array(dtype=Vector6),
@@ -330,17 +331,24 @@ def grid_to_particles(
     elastic_states[particle] = pack(state)
     volume_corrections[particle] = correction
     velocities[particle] = velocity
+    residual = residuals[particle]
     for axis in range(3):
-        moved = position[axis] + time_step / spacing * velocity[axis]
+        # Kahan's summation: a slow particle's step is below the rounding of its place, and would be lost
+        step = time_step / spacing * velocity[axis] + residual[axis]
+        moved = position[axis] + step
+        residual[axis] = step - (moved - position[axis])
         # written so that NaN, too, is held: an index made of it would leave the grid
         if not (moved >= Real(1.0)):
             moved = Real(1.0)
+            residual[axis] = Real(0.0)
             held[particle] = 1
         if moved > last_position[axis]:
             moved = last_position[axis]
+            residual[axis] = Real(0.0)
             held[particle] = 1
         position[axis] = moved
     positions[particle] = position
+    residuals[particle] = residual
 
 
 @wp.kernel

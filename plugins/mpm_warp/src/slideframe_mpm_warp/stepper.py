@@ -16,8 +16,8 @@ from slideframe_mpm_warp.runtime import kernels_in
 WALL_KINDS = {"slip": 0, "stick": 1, "friction": 2}
 JACOBI_SWEEPS = 6
 
-# positions, velocities, affines, elastic states, volume corrections, deformation gradients, masses, volumes
-REALS_PER_PARTICLE = 3 + 3 + 9 + 6 + 1 + 9 + 1 + 1
+# positions, residuals, velocities, affines, elastic states, volume corrections, deformation gradients, masses, volumes
+REALS_PER_PARTICLE = 3 + 3 + 3 + 9 + 6 + 1 + 9 + 1 + 1
 REALS_PER_NODE = 4
 
 
@@ -43,6 +43,7 @@ class Stepper:
         identity = np.tile(np.eye(3, dtype=real), (count, 1, 1))
         with wp.ScopedDevice(self.device):
             self.positions: Any = wp.array(cells.astype(real), dtype=kernels.Vector)
+            self.residuals: Any = wp.zeros(count, dtype=kernels.Vector)
             self.velocities: Any = wp.zeros(count, dtype=kernels.Vector)
             self.affines: Any = wp.zeros(count, dtype=kernels.Matrix)
             self.elastic_states: Any = wp.zeros(count, dtype=kernels.Vector6)
@@ -72,9 +73,9 @@ class Stepper:
             kernels.Vector2(*(wall.friction for wall in walls)),
         ]
         self._gather = [
-            flat, stride, self.positions, self.velocities, self.affines, self.elastic_states, self.volume_corrections,
-            self.deformation_gradients, self.held, self.masses, self.volumes, self.time_step, grid.spacing,
-            sand.shear_modulus, sand.lame_lambda, cone_slope(sand),
+            flat, stride, self.positions, self.residuals, self.velocities, self.affines, self.elastic_states,
+            self.volume_corrections, self.deformation_gradients, self.held, self.masses, self.volumes,
+            self.time_step, grid.spacing, sand.shear_modulus, sand.lame_lambda, cone_slope(sand),
             kernels.Vector(*(length - 2.0 for length in grid.shape)), JACOBI_SWEEPS,
         ]  # fmt: skip
 
