@@ -40,10 +40,10 @@ def check_spacing(problem: SimulationProblem) -> None:
         )
     # before the surface is known, at least one layer of cells is certain
     columns = (region.x_max - region.x_min) * (region.y_max - region.y_min) / spacing**2
-    certain_bytes = columns * problem.simulation.particles_per_cell * LEAST_BYTES_PER_PARTICLE
-    if certain_bytes > available_memory():
+    certain_particles = columns * problem.simulation.particles_per_cell
+    if certain_particles * LEAST_BYTES_PER_PARTICLE > available_memory():
         raise ConfigurationError(
-            f"one layer of cells of {spacing:g} m holds {columns * problem.simulation.particles_per_cell:,.0f} particles: "
+            f"one layer of cells of {spacing:g} m holds {certain_particles:,.0f} particles: "
             f"more than the {available_memory() / 1e9:.1f} GB of free memory can hold",
             where="simulation.grid_spacing",
             cure="raise grid_spacing or make the region smaller",

@@ -8,9 +8,12 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from slideframe.products import Camera
+from slideframe_gs_torch import evaluation
 from slideframe_gs_torch.anisotropy import anisotropy_loss, project_scales, share_above
 from slideframe_gs_torch.harmonics import evaluate_harmonics, harmonics_basis
 from slideframe_gs_torch.image_loss import image_loss, structural_similarity
+from slideframe_gs_torch.views import TrainingView
 
 # float32 against float64; SSIM's spread is a difference of squares
 LOSS_TOLERANCE = 1e-5
@@ -127,3 +130,21 @@ def test_colour_is_half_plus_harmonics_and_never_negative():
     harmonics = torch.tensor([[[1.0, 0.0, -9.0]]])
     colour = evaluate_harmonics(harmonics, torch.tensor([[0.0, 0.0, 5.0]]))[0]
     assert colour.tolist() == pytest.approx([0.5 + 0.28209479, 0.5, 0.0])
+
+
+def test_what_the_lens_did_not_see_makes_no_picture_more_alike(monkeypatch):
+    random = torch.Generator().manual_seed(0)
+    drawn, truth = torch.rand(3, 60, 80, generator=random), torch.rand(3, 60, 80, generator=random)
+    monkeypatch.setattr(evaluation, "draw_view", lambda *_: drawn)
+    mask = torch.zeros(60, 80, dtype=torch.bool)
+    mask[:, :40] = True
+    camera = Camera(width=80, height=60, focal_x=80, focal_y=80, principal_x=40, principal_y=30)
+    found = {
+        name: evaluation.likeness(
+            None, TrainingView(name, truth.mul(255).byte(), seen, camera, np.eye(3, 4)), (0, 0, 0)
+        )
+        for name, seen in (("whole", None), ("half", mask))
+    }
+    # noise against noise; windows that reach into the unseen half are a few pixels wide
+    assert found["half"].psnr == pytest.approx(found["whole"].psnr, abs=0.3)
+    assert found["half"].ssim == pytest.approx(found["whole"].ssim, abs=0.1)
