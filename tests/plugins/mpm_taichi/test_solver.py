@@ -44,7 +44,7 @@ def test_nothing_is_written_to_stdout():
 
 
 def test_too_little_memory_is_refused_before_anything_is_allocated(tmp_path, monkeypatch):
-    monkeypatch.setattr(guards, "available_memory", lambda: 1000)
+    monkeypatch.setattr(guards, "available_memory", lambda: 60_000)  # a layer of cells fits, the grid does not
     with pytest.raises(ConfigurationError, match="GB are free"):
         solve(sand_problem(), tmp_path)
 
