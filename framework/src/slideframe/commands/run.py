@@ -92,7 +92,7 @@ def _own_arguments(arguments: Sequence[str]) -> list[str]:
 
 
 def read_config(options: RunOptions) -> RunConfig:
-    """Read the config with its overrides and the stages named by flags; prepare the demo where none is named."""
+    """Read the config, or the demo's where none is named, with its overrides and the stages named by flags."""
     content = demo_config() if options.config is None else read_toml(options.config)
     for assignment in options.set:
         apply_override(content, assignment)
