@@ -127,7 +127,7 @@ class Stepper:
 
     def _sort(self) -> None:
         """Bring the particles into the order of their cells."""
-        from slideframe_mpm_taichi import sorting_kernels as sorting
+        from slideframe_mpm_taichi.kernels import sorting
 
         positions = self.particles["positions"]
         sorting.count_cells(positions, self.stride, self.cell_starts)

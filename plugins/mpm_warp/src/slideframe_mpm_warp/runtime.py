@@ -12,32 +12,33 @@ from types import ModuleType
 
 @cache
 def kernels_in(precision: str, device: str) -> ModuleType:
-    """Return the kernel module with `Real` set to `precision`, compiled for `device`."""
+    """Return the package of kernels in `precision`, compiled for `device`."""
     with _quiet():
         import warp as wp
 
         # on a machine without a card Warp's library says so to stderr, whatever its log level
         with _silent_stderr() if device == "cpu" else nullcontext():
             wp.init()  # type: ignore[no-untyped-call]
-        kernels = _module_in(precision)
-        wp.load_module(kernels, device=device)
+        kernels = _package_in(precision)
+        wp.load_module(kernels, device=device, recursive=True)
     return kernels
 
 
 @cache
-def _module_in(precision: str) -> ModuleType:
-    """Execute `kernels.py` under a name of its own, since Warp keeps the functions of one module name together."""
+def _package_in(precision: str) -> ModuleType:
+    """Execute the package `kernels` under a name of its own, since Warp keeps the functions of one name together."""
     import warp as wp
 
     name = f"slideframe_mpm_warp.kernels_{precision}"
-    specification = spec_from_file_location(name, Path(__file__).with_name("kernels.py"))
+    folder = Path(__file__).with_name("kernels")
+    specification = spec_from_file_location(name, folder / "__init__.py", submodule_search_locations=[str(folder)])
     assert specification is not None
     assert specification.loader is not None
-    module = module_from_spec(specification)
-    module.__dict__["Real"] = getattr(wp, precision)
-    sys.modules[name] = module
-    specification.loader.exec_module(module)
-    return module
+    package = module_from_spec(specification)
+    package.__dict__["precision"] = getattr(wp, precision)
+    sys.modules[name] = package
+    specification.loader.exec_module(package)
+    return package
 
 
 @contextmanager

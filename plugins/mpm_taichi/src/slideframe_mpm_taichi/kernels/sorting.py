@@ -2,7 +2,8 @@
 
 import taichi as ti
 
-from slideframe_mpm_taichi.kernels import SLAB_WIDTH, Array
+from .arrays import Array
+from .transfers import SLAB_WIDTH
 
 
 @ti.func

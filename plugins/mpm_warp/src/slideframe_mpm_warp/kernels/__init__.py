@@ -1,0 +1,30 @@
+"""The kernels of the explicit MLS-MPM: one module for each concern, with the same names in the same order in Taichi's.
+
+Positions are in cells from the grid's origin; everything else is SI. The elastic state of a particle is
+X = b_e - 1 (elastic left Cauchy-Green tensor minus identity) as (xx, yy, zz, yz, xz, xy): small strains
+stay small numbers, which a deformation gradient near 1 loses in float32. Between the kernels of one
+substep a particle carries `affines` = spacing * (mass * C - stress term), all that the next scatter needs.
+
+Warp mixes no precisions, so `runtime` loads this package once for each, under a name of its own, with `precision` set
+beforehand; that is why its modules import one another relatively.
+"""
+
+from .boundaries import update_grid
+from .materials import return_mapping
+from .reals import Matrix, Real, Vector, Vector2, Vector4, Vector6
+from .rendering import bound_stretch
+from .transfers import grid_to_particles, particles_to_grid
+
+__all__ = [
+    "Matrix",
+    "Real",
+    "Vector",
+    "Vector2",
+    "Vector4",
+    "Vector6",
+    "bound_stretch",
+    "grid_to_particles",
+    "particles_to_grid",
+    "return_mapping",
+    "update_grid",
+]
