@@ -10,9 +10,9 @@ from PIL import ExifTags, Image
 
 from slideframe.demo import DEMO_REGION, write_demo_survey
 from slideframe.demo.flight import FLIGHT_MEAN, fly
-from slideframe.demo.geodesy import enu_from_geodetic
 from slideframe.demo.survey import MANIFEST, ORIGIN
 from slideframe.errors import ConfigurationError
+from slideframe.geodesy import enu_from_geodetic
 
 WIDTH, COUNT = 240, 4
 DRONE = "{http://www.dji.com/drone-dji/1.0/}"

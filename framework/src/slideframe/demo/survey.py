@@ -12,11 +12,11 @@ from PIL import Image
 
 from slideframe.arrays import UInt8Array
 from slideframe.demo.flight import FLIGHT_MEAN, PHOTOGRAPH_COUNT, Flight, fly
-from slideframe.demo.geodesy import geodetic_from_enu
 from slideframe.demo.lens import pixel_rays, reduced_camera
 from slideframe.demo.metadata import Shot, exif_of, xmp_of
 from slideframe.demo.scene import Scene, build_scene, worker_count
 from slideframe.errors import ConfigurationError
+from slideframe.geodesy import geodetic_from_enu
 from slideframe.products import Camera, Georeference
 
 GENERATOR_VERSION = 1  # raise it with any change of a single bit, so that old surveys are made again
