@@ -5,16 +5,21 @@ world into camera coordinates; its pixel (0.5, 0.5) is the centre of the upper-l
 """
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from slideframe.arrays import Float64Array
 from slideframe.errors import InputError
+from slideframe.formats.posed_camera import PosedCamera
 from slideframe.products import Camera, Georeference, Photograph, Survey
 
 Fields = list[str]
+
+CAMERAS_HEADER = "CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]"
+IMAGES_HEADER = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then POINTS2D[]"
+POINTS_HEADER = "POINT3D_ID X Y Z R G B ERROR TRACK[]"
 
 # Models by name, each with how its parameters make (fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6).
 PARAMETERS = {
@@ -36,9 +41,40 @@ def write_colmap_text(survey: Survey, folder: Path) -> None:
         InputError: an image's name holds a space, at which COLMAP would cut it.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    _write(folder / "cameras.txt", "CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]", _camera_lines(survey))
-    _write(folder / "images.txt", "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then POINTS2D[]", _image_lines(survey))
-    _write(folder / "points3D.txt", "POINT3D_ID X Y Z R G B ERROR TRACK[]", _point_lines(survey))
+    common = _common_folder(survey)
+    images = (
+        (photograph.path.relative_to(common).as_posix(), pose, photograph.camera + 1)
+        for photograph, pose in zip(survey.photographs, survey.world_from_camera, strict=True)
+    )
+    _write(folder / "cameras.txt", CAMERAS_HEADER, _camera_lines(survey.cameras))
+    _write(folder / "images.txt", IMAGES_HEADER, _image_lines(images))
+    _write(folder / "points3D.txt", POINTS_HEADER, _point_lines(survey))
+
+
+def write_colmap_views(views: Sequence[PosedCamera], folder: Path) -> None:
+    """Write views as a COLMAP text model without points, one camera for each lens.
+
+    Raises:
+        InputError: a view's name holds a space, at which COLMAP would cut it.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    cameras = list(dict.fromkeys(view.camera for view in views))
+    numbers = {camera: number for number, camera in enumerate(cameras, 1)}
+    images = ((view.name, view.world_from_camera, numbers[view.camera]) for view in views)
+    _write(folder / "cameras.txt", CAMERAS_HEADER, _camera_lines(cameras))
+    _write(folder / "images.txt", IMAGES_HEADER, _image_lines(images))
+    _write(folder / "points3D.txt", POINTS_HEADER, iter(()))
+
+
+def read_colmap_views(folder: Path) -> list[PosedCamera]:
+    """Read where the images of a COLMAP text model were taken, in the order of their numbers; points are left alone.
+
+    Raises:
+        InputError: a file is missing, a line can't be read, or a lens model has no counterpart.
+    """
+    cameras = {int(fields[0]): _camera(fields, folder) for fields in _lines(folder / "cameras.txt", 5)}
+    images = sorted(_lines(folder / "images.txt", 10, every=2), key=lambda fields: int(fields[0]))
+    return [PosedCamera(fields[9], cameras[int(fields[8])], _world_from_camera(fields)) for fields in images]
 
 
 def read_colmap_text(folder: Path, photographs: Path, georeference: Georeference) -> Survey:
@@ -97,9 +133,9 @@ def rotation_of(quaternion: Float64Array) -> Float64Array:
     )
 
 
-def _camera_lines(survey: Survey) -> Iterator[str]:
+def _camera_lines(cameras: Sequence[Camera]) -> Iterator[str]:
     """Yield the simplest model that holds each camera exactly; floats are written so that they read back the same."""
-    for number, camera in enumerate(survey.cameras, 1):
+    for number, camera in enumerate(cameras, 1):
         k1, k2, p1, p2, k3 = camera.distortion
         values = [camera.focal_x, camera.focal_y, camera.principal_x, camera.principal_y]
         model = "PINHOLE"
@@ -110,20 +146,18 @@ def _camera_lines(survey: Survey) -> Iterator[str]:
         yield f"{number} {model} {camera.width} {camera.height} {_join(values)}"
 
 
-def _image_lines(survey: Survey) -> Iterator[str]:
-    """Yield two lines per image, the second one empty: no observations."""
-    common = _common_folder(survey)
-    for number, (photograph, pose) in enumerate(zip(survey.photographs, survey.world_from_camera, strict=True), 1):
+def _image_lines(images: Iterable[tuple[str, Float64Array, int]]) -> Iterator[str]:
+    """Yield two lines per image (name, world_from_camera, number of its camera), the second one empty."""
+    for number, (name, pose, camera) in enumerate(images, 1):
         quaternion = quaternion_of(pose[:, :3].T)
         translation = -pose[:, :3].T @ pose[:, 3]
-        name = photograph.path.relative_to(common).as_posix()
         if any(character.isspace() for character in name):
             raise InputError(
                 f"COLMAP's text model can't name '{name}': it cuts names at spaces",
-                where=str(photograph.path),
+                where=name,
                 cure="rename the photograph and run again",
             )
-        yield f"{number} {_join([*quaternion, *translation])} {photograph.camera + 1} {name}\n"
+        yield f"{number} {_join([*quaternion, *translation])} {camera} {name}\n"
 
 
 def _point_lines(survey: Survey) -> Iterator[str]:
