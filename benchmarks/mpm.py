@@ -37,9 +37,8 @@ TOLERANCE = 0.01
 def cube_of_sand(particles: int, frames: int) -> tuple[Filling, SimulationProblem]:
     """Return the cube of whole cells whose number of particles is nearest to that asked for."""
     edge = SPACING * max(2, round((particles / 8) ** (1 / 3)))
-    filling = block_filling((0, 0, 0), (edge, edge, edge), particle_spacing=SPACING / 2)
+    filling = block_filling((0, 0, 0), (edge, edge, edge), size=(2 * edge, edge), particle_spacing=SPACING / 2)
     problem = sand_problem(
-        size=(2 * edge, edge),
         spacing=SPACING,
         duration=frames / FRAME_RATE,
         frame_rate=FRAME_RATE,
@@ -81,7 +80,7 @@ def race(solvers: Mapping[str, Solver], filling: Filling, problem: SimulationPro
 
 def particle_substeps(filling: Filling, problem: SimulationProblem) -> int:
     """Return how many a frame takes."""
-    return len(filling.particle_positions) * problem.time_step(problem.grid(filling.particle_positions))[1]
+    return len(filling.particle_positions) * problem.time_step(problem.grid(filling))[1]
 
 
 def describe(filling: Filling, problem: SimulationProblem) -> str:

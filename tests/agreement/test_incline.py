@@ -19,14 +19,13 @@ def slide(motion, solver, angle, wall):
     tilt = math.radians(angle)
     # strong sand, so that the block slides whole; low, so that it doesn't tip
     problem = sand_problem(
-        size=(6.0, 0.5),
         duration=0.6,
         frame_rate=10.0,
         friction_angle=60.0,
         gravity=(9.81 * math.sin(tilt), 0.0, -9.81 * math.cos(tilt)),
         floor=wall,
     )
-    frames = motion(solver, block_filling((1.0, 0.0, 0.0), (3.0, 0.5, 0.25)), problem)
+    frames = motion(solver, block_filling((1.0, 0.0, 0.0), (3.0, 0.5, 0.25), size=(6.0, 0.5)), problem)
     speed = [float(frame.velocities[:, 0].mean(dtype=np.float64)) for frame in frames]
     return (speed[6] - speed[2]) / 0.4, float((frames[-1].positions - frames[0].positions)[:, 0].mean())
 

@@ -25,10 +25,8 @@ def relative(mine, theirs):
 
 def falling_block(precision="float32"):
     """A block that falls freely, is squeezed by nothing, and lasts some fifty substeps."""
-    filling = block_filling((1.5, 0.75, 2.0), (2.5, 1.25, 2.5))
-    return filling, sand_problem(
-        size=(4.0, 2.0), duration=0.2, frame_rate=5.0, precision=precision, gravity=(1.0, -0.5, -9.81)
-    )
+    filling = block_filling((1.5, 0.75, 2.0), (2.5, 1.25, 2.5), size=(4.0, 2.0))
+    return filling, sand_problem(duration=0.2, frame_rate=5.0, precision=precision, gravity=(1.0, -0.5, -9.81))
 
 
 def standing_block(precision="float32"):
@@ -43,9 +41,8 @@ def standing_block(precision="float32"):
 def collapse(precision="float32"):
     """A column twice as high as wide, in a channel, on a rough floor."""
     rough = Wall(kind="friction", friction_angle=22.0)
-    filling = block_filling((0.0, 0.0, 0.0), (0.5, 0.25, 1.0), particle_spacing=0.0625)
+    filling = block_filling((0.0, 0.0, 0.0), (0.5, 0.25, 1.0), size=(3.0, 0.25), particle_spacing=0.0625)
     return filling, sand_problem(
-        size=(3.0, 0.25),
         spacing=0.125,
         duration=1.2,
         frame_rate=5.0,
@@ -57,7 +54,7 @@ def collapse(precision="float32"):
 
 def test_fifty_substeps_without_contact(motion, backend):
     filling, problem = falling_block()
-    _, substeps = problem.time_step(problem.grid(filling.particle_positions))
+    _, substeps = problem.time_step(problem.grid(filling))
     assert 40 <= substeps <= 80
     mine, theirs = (motion(name, filling, problem)[-1] for name in (backend, "reference"))
     assert len(mine.positions) == len(filling.particle_positions)

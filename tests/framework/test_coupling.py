@@ -38,6 +38,7 @@ CARRIERS = np.array([-1, 0, 2, -1, 5, 1, 1, -1], np.int32)
 
 def filling() -> Filling:
     return Filling(
+        bounds=np.array([[0.0, 0, 0], [10, 10, 10]]),
         particle_positions=np.random.default_rng(2).uniform(0, 10, (PARTICLES, 3)).astype(np.float32),
         particle_volumes=np.ones(PARTICLES, np.float32),
         interior=INTERIOR,

@@ -29,13 +29,13 @@ def test_a_volume_of_zero_is_named():
         guards.check_start(filling.model_copy(update={"particle_volumes": volumes}), sand_problem())
 
 
-def test_cells_larger_than_the_region_are_refused_at_preflight():
+def test_cells_larger_than_the_region_are_refused():
     with pytest.raises(ConfigurationError, match="two cells"):
-        ReferenceSolver().preflight(sand_problem(spacing=0.6), None)
+        guards.check_start(block_filling((0, 0, 0), (1, 1, 0.5)), sand_problem(spacing=0.6))
 
 
 def test_too_much_memory_is_refused():
-    grid = sand_problem().grid(np.zeros((1, 3), np.float32))
+    grid = sand_problem().grid(filling_of(np.zeros((1, 3), np.float32), 1.0))
     with pytest.raises(ConfigurationError, match=r"about 9000\.0 GB"):
         guards.check_memory(9e12, grid, 10)
     guards.check_memory(1e6, grid, 10)
@@ -48,7 +48,7 @@ def test_physical_memory_is_the_answer_without_proc(monkeypatch):
 
 @pytest.mark.parametrize("speed", [np.nan, np.inf, 1e6])
 def test_a_lost_particle_is_named(speed):
-    grid = sand_problem().grid(np.zeros((1, 3), np.float32))
+    grid = sand_problem().grid(filling_of(np.zeros((1, 3), np.float32), 1.0))
     velocities = np.zeros((5, 3))
     velocities[3, 1] = speed
     with pytest.raises(StageFailed, match=r"particle 3 at \(0\.000, 0\.000, 0\.000\) m.*\n.*t = 0\.25 s"):
@@ -61,7 +61,7 @@ def test_frames_before_a_failure_are_kept(tmp_path):
     wild = problem.model_copy(
         update={"simulation": problem.simulation.model_copy(update={"gravity": (0.0, 0.0, -1e6)})}
     )
-    steady = problem.time_step(problem.grid(np.float32([[0, 0, 1]])))
+    steady = problem.time_step(problem.grid(filling_of(np.float32([[0, 0, 1]]), 1.0)))
 
     class Hasty(type(wild)):
         def time_step(self, grid):
@@ -76,5 +76,5 @@ def test_frames_before_a_failure_are_kept(tmp_path):
 
 def test_cells_that_no_memory_can_hold_are_refused_before_the_surface_is_known():
     with pytest.raises(ConfigurationError, match="particles: more than"):
-        guards.check_spacing(sand_problem(size=(1000.0, 1000.0), spacing=0.005))
-    guards.check_spacing(sand_problem(size=(100.0, 100.0), spacing=0.5))
+        guards.check_spacing((1000.0, 1000.0), sand_problem(spacing=0.005).simulation)
+    guards.check_spacing((100.0, 100.0), sand_problem(spacing=0.5).simulation)

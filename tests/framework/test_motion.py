@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from slideframe.motion import measure
-from slideframe.problem import Region, Sand, Simulation, SimulationProblem
+from slideframe.problem import Sand, Simulation, SimulationProblem
 from slideframe.products import Filling, ParticleFrame, SplatCloud
 
 
@@ -11,15 +11,10 @@ def test_a_sliding_block_has_the_energies_of_mechanics():
     start = np.random.default_rng(0).uniform(0, 3, (count, 3)).astype(np.float32)
     none = np.zeros((0, 3), np.float32)
     filling = Filling(
+        bounds=np.array([[-9.0, -9, -9], [9, 9, 9]]),
         particle_positions=start,
         particle_volumes=np.full(count, 0.125, np.float32),
-        interior=SplatCloud(
-            centers=none,
-            rotations=np.zeros((0, 4), np.float32),
-            scales=none,
-            opacities=np.zeros(0, np.float32),
-            harmonics=np.zeros((0, 1, 3), np.float32),
-        ),
+        interior=SplatCloud.empty(),
         interior_particles=np.zeros(0, np.int32),
         surface_particles=np.zeros(0, np.int32),
         surface_vertices=none,
@@ -27,7 +22,6 @@ def test_a_sliding_block_has_the_energies_of_mechanics():
         surface_support=np.zeros(0, np.uint8),
     )
     problem = SimulationProblem(
-        region=Region(x_min=-9, x_max=9, y_min=-9, y_max=9, z_min=-9),
         material=Sand(friction_angle=30, density=1600, youngs_modulus=1e6, poisson_ratio=0.2),
         simulation=Simulation(duration=1, grid_spacing=1),
     )

@@ -6,15 +6,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from slideframe.problem import Region, Sand, Simulation, SimulationProblem, View, ViewProblem, Wall
+from slideframe.problem import BoxRegion, Sand, Simulation, SimulationProblem, View, Wall
+from slideframe.testing.solver_scenes import filling_of
 
 PAPER_SAND = {"friction_angle": 22, "density": 2000, "youngs_modulus": 5e7, "poisson_ratio": 0.3}
-REGION = Region(x_min=-10, x_max=10, y_min=0, y_max=15, z_min=-3)
+FILLING = filling_of(np.float32([[0, 0, 5], [1, 1, 2]]), 1.0).model_copy(
+    update={"bounds": np.array([[-10.0, 0, -3], [10, 15, 5]])}
+)
 
 
 def problem(**simulation) -> SimulationProblem:
     return SimulationProblem(
-        region=REGION,
         material=Sand(**PAPER_SAND),
         simulation=Simulation(**({"duration": 2.0, "grid_spacing": 0.5} | simulation)),
     )
@@ -49,7 +51,7 @@ def test_impossible_sand_is_refused(bad):
 
 def test_region_sides_must_be_in_order():
     with pytest.raises(ValidationError, match="x_min must be less than x_max"):
-        Region(x_min=1, x_max=0, y_min=0, y_max=1, z_min=0)
+        BoxRegion(x_min=1, x_max=0, y_min=0, y_max=1, z_min=0)
 
 
 def test_friction_belongs_to_a_frictional_wall_only():
@@ -67,7 +69,7 @@ def test_eight_particles_a_cell_stand_half_a_cell_apart():
 @given(duration=st.floats(0.1, 20), rate=st.floats(10, 60), spacing=st.floats(0.1, 2))
 def test_substeps_meet_output_times_and_respect_the_wave(duration, rate, spacing):
     case = problem(duration=duration, frame_rate=rate, grid_spacing=spacing)
-    step, substeps = case.time_step(case.grid(np.float32([[0, 0, 5]])))
+    step, substeps = case.time_step(case.grid(FILLING))
     assert step * substeps == pytest.approx(1 / rate, rel=1e-12)
     assert step * case.material.pressure_wave_speed <= 0.4 * spacing
 
@@ -75,17 +77,17 @@ def test_substeps_meet_output_times_and_respect_the_wave(duration, rate, spacing
 def test_a_frame_of_many_substeps_loses_none():
     # int(4e-2 / 2e-5) is 1999
     case = problem(grid_spacing=0.5)
-    grid = case.grid(np.float32([[0, 0, 5]]))
+    grid = case.grid(FILLING)
     step, substeps = case.time_step(grid)
     assert substeps == round(1 / (25 * step))
 
 
 def test_grid_puts_the_walls_on_nodes():
-    grid = problem().grid(np.float32([[0, 0, 5], [1, 1, 2]]))
+    grid = problem().grid(FILLING)
     lows = [origin + grid.spacing * grid.padding for origin in grid.origin]
-    assert lows == pytest.approx([REGION.x_min, REGION.y_min, REGION.z_min])
+    assert lows == pytest.approx(FILLING.bounds[0])
     highs = [grid.origin[axis] + grid.spacing * grid.high[axis] for axis in range(2)]
-    assert highs == pytest.approx([REGION.x_max, REGION.y_max])
+    assert highs == pytest.approx(FILLING.bounds[1, :2])
     assert grid.origin[2] + grid.spacing * (grid.shape[2] - 1) > 5 + 2 * grid.spacing
 
 
@@ -96,7 +98,7 @@ def test_grid_puts_the_walls_on_nodes():
     size=st.tuples(*[st.floats(1, 50)] * 3),
 )
 def test_the_view_camera_looks_at_the_centre_and_sees_all_corners(azimuth, elevation, corner, size):
-    view = ViewProblem(region=REGION, view=View(azimuth=azimuth, elevation=elevation))
+    view = View(azimuth=azimuth, elevation=elevation)
     bounds = np.float32([corner, np.add(corner, size)])
     camera, pose = view.camera(0.3, bounds)
     rotation, place = pose[:, :3], pose[:, 3]
@@ -111,6 +113,6 @@ def test_the_view_camera_looks_at_the_centre_and_sees_all_corners(azimuth, eleva
 
 def test_azimuth_is_the_compass_direction_towards_the_camera():
     bounds = np.float32([[-1, -1, -1], [1, 1, 1]])
-    _, pose = ViewProblem(region=REGION, view=View(azimuth=90, elevation=0, distance=10)).camera(0, bounds)
+    _, pose = View(azimuth=90, elevation=0, distance=10).camera(0, bounds)
     assert pose[:, 3] == pytest.approx([10, 0, 0], abs=1e-9)  # east
     assert pose[:, 1] == pytest.approx([0, 0, -1], abs=1e-9)  # image down is world down

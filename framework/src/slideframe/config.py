@@ -20,7 +20,8 @@ from slideframe.problem import (
     SimulationProblem,
     Site,
     View,
-    ViewProblem,
+    kind_of,
+    models_of,
 )
 from slideframe.stages import StageKind
 
@@ -62,7 +63,7 @@ class RunConfig(ProblemModel):
             "reconstructor": self.site,
             "volume_filler": self.filling_problem,
             "solver": self.simulation_problem,
-            "renderer": self.view_problem,
+            "renderer": self.view,
         }
         return problems[kind]
 
@@ -74,14 +75,7 @@ class RunConfig(ProblemModel):
     @property
     def simulation_problem(self) -> SimulationProblem:
         """What the solver is asked for."""
-        return SimulationProblem(
-            region=self.region, material=self.material, boundary=self.boundary, simulation=self.simulation
-        )
-
-    @property
-    def view_problem(self) -> ViewProblem:
-        """What the renderer is asked for."""
-        return ViewProblem(region=self.region, view=self.view)
+        return SimulationProblem(material=self.material, boundary=self.boundary, simulation=self.simulation)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -156,7 +150,7 @@ def validate(model: type[Model], content: Mapping[str, Any], where: str) -> Mode
 
 def _describe(model: type[BaseModel], fault: Mapping[str, Any]) -> str:
     location = [str(part) for part in fault["loc"]]
-    key = ".".join(location) or "the whole"
+    key = ".".join(_without_members(model, location)) or "the whole"
     if fault["type"] == "extra_forbidden":
         known = _keys_at(model, location[:-1])
         near = difflib.get_close_matches(location[-1], known, n=1)
@@ -166,10 +160,33 @@ def _describe(model: type[BaseModel], fault: Mapping[str, Any]) -> str:
     return f"{key}: {fault['msg'].removeprefix('Value error, ')} (got {fault['input']!r})"
 
 
-def _keys_at(model: type[BaseModel], location: list[str]) -> list[str]:
+def _without_members(model: type[BaseModel], location: list[str]) -> list[str]:
+    """Leave out the parts of a location that name the member of a union, which no key does."""
+    kept: list[str] = []
+    members = [model]
     for part in location:
-        field = model.model_fields.get(part)
-        if field is None or not (isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)):
+        chosen = [member for member in members if kind_of(member) == part and part not in member.model_fields]
+        if chosen and kept:
+            members = chosen
+            continue
+        kept.append(part)
+        members = [
+            inner
+            for member in members
+            if part in member.model_fields
+            for inner in models_of(member.model_fields[part].annotation)
+        ]
+    return kept
+
+
+def _keys_at(model: type[BaseModel], location: list[str]) -> list[str]:
+    members = [model]
+    for part in location:
+        if part in model.model_fields:
+            members = models_of(model.model_fields[part].annotation)
+        else:  # the member of a union
+            members = [member for member in members if kind_of(member) == part]
+        if not members:
             return []
-        model = field.annotation
+        model = members[0]
     return sorted(model.model_fields)

@@ -10,6 +10,7 @@ from slideframe.catalogue import Listing
 from slideframe.config import STAGE_KINDS, RunConfig, StageChoice, validate
 from slideframe.device import Device
 from slideframe.errors import ConfigurationError
+from slideframe.guards import check_spacing
 from slideframe.stages import PoseSource, Reconstructor, Renderer, Solver, Stage, StageKind, VolumeFiller
 
 
@@ -34,6 +35,8 @@ class Crew:
         for stage in self.stages():
             registry.require_backend(stage, self.listings[stage.name])
             stage.preflight(config.problem_of(stage.kind), device_for(stage, device))
+        if config.region.plan_size:
+            check_spacing(config.region.plan_size, config.simulation)
 
 
 def device_for(stage: Stage, device: Device) -> Device:

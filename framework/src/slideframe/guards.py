@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from slideframe.arrays import Float32Array
 from slideframe.errors import ConfigurationError, InputError, StageFailed
-from slideframe.problem import Grid, SimulationProblem
+from slideframe.problem import Grid, Simulation, SimulationProblem
 from slideframe.products import Filling, ParticleFrame
 from slideframe.stages import Context
 
@@ -24,14 +23,13 @@ LEAST_BYTES_PER_PARTICLE = 100
 STRETCH_BOUNDS = (0.5, 2.0)
 
 
-def check_spacing(problem: SimulationProblem) -> None:
-    """Refuse a grid with less than two cells across the region, or with more than memory can surely hold.
+def check_spacing(plan_size: tuple[float, float], simulation: Simulation) -> None:
+    """Refuse a grid with less than two cells across the region's plan, or with more than memory can surely hold.
 
     Raises:
         ConfigurationError: the cells are too large or too small.
     """
-    region, spacing = problem.region, problem.simulation.grid_spacing
-    narrowest = min(region.x_max - region.x_min, region.y_max - region.y_min)
+    spacing, narrowest = simulation.grid_spacing, min(plan_size)
     if spacing > narrowest / 2:
         raise ConfigurationError(
             f"grid_spacing {spacing:g} m leaves less than two cells across the region's {narrowest:g} m",
@@ -39,8 +37,7 @@ def check_spacing(problem: SimulationProblem) -> None:
             cure=f"use at most {narrowest / 2:g} m; six or more cells across the moving mass give useful results",
         )
     # before the surface is known, at least one layer of cells is certain
-    columns = (region.x_max - region.x_min) * (region.y_max - region.y_min) / spacing**2
-    certain_particles = columns * problem.simulation.particles_per_cell
+    certain_particles = plan_size[0] * plan_size[1] / spacing**2 * simulation.particles_per_cell
     if certain_particles * LEAST_BYTES_PER_PARTICLE > available_memory():
         raise ConfigurationError(
             f"one layer of cells of {spacing:g} m holds {certain_particles:,.0f} particles: "
@@ -64,8 +61,9 @@ def check_start(filling: Filling, problem: SimulationProblem) -> Grid:
             where="solver",
             cure="place the region where the scan shows ground, and its z_min below it",
         )
-    check_spacing(problem)
-    _check_inside(positions, problem)
+    width, depth, _ = np.ptp(filling.bounds, axis=0)
+    check_spacing((float(width), float(depth)), problem.simulation)
+    _check_inside(filling, problem.simulation)
     if not (filling.particle_volumes > 0).all():
         index = int(np.argmin(filling.particle_volumes))
         raise InputError(
@@ -73,19 +71,18 @@ def check_start(filling: Filling, problem: SimulationProblem) -> Grid:
             where="filling.particle_volumes",
             cure="volumes must be positive",
         )
-    return problem.grid(positions)
+    return problem.grid(filling)
 
 
-def _check_inside(positions: Float32Array, problem: SimulationProblem) -> None:
-    region = problem.region
-    slack = START_TOLERANCE * problem.simulation.grid_spacing
-    low = np.array([region.x_min, region.y_min, region.z_min]) - slack
-    high = np.array([region.x_max, region.y_max, np.inf]) + slack
+def _check_inside(filling: Filling, simulation: Simulation) -> None:
+    positions = filling.particle_positions
+    slack = START_TOLERANCE * simulation.grid_spacing
+    low, high = filling.bounds[0] - slack, filling.bounds[1] + slack
     outside = ((positions < low) | (positions > high)).any(axis=1)
     if outside.any():
         index = int(np.argmax(outside))
         raise InputError(
-            f"{int(outside.sum())} of {len(positions)} particles lie outside the region's walls, "
+            f"{int(outside.sum())} of {len(positions)} particles lie outside the region's bounds, "
             f"the first is particle {index} at {_place(positions[index])}",
             where="solver",
             cure="fill and simulate the same region",

@@ -8,7 +8,7 @@ from slideframe.bench import Bench, Keyed
 from slideframe.config import RunConfig
 from slideframe.crew import Crew
 from slideframe.errors import ConfigurationError
-from slideframe.problem import Region
+from slideframe.problem import BoxRegion
 from slideframe.products import Picture, Survey
 
 
@@ -19,10 +19,10 @@ def run(config: RunConfig, crew: Crew, bench: Bench) -> Keyed[Sequence[Picture]]
     splats = bench.step(crew.reconstructor.reconstruct, survey)
     filling = bench.step(crew.volume_filler.fill, survey, splats, config.filling_problem)
     motion = bench.step(crew.solver.solve, filling, config.simulation_problem)
-    return bench.step(crew.renderer.render, splats, filling, motion, config.view_problem)  # type: ignore[arg-type]
+    return bench.step(crew.renderer.render, survey, splats, filling, motion, config.view)  # type: ignore[arg-type]
 
 
-def require_region_in_survey(survey: Survey, region: Region) -> None:
+def require_region_in_survey(survey: Survey, region: BoxRegion) -> None:
     """Refuse a region without a single sparse point, before hours are spent on splats.
 
     Raises:

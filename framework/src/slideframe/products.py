@@ -8,6 +8,7 @@ upper-left pixel, as in COLMAP. Quaternions are (w, x, y, z), of unit length.
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from slideframe.arrays import Array, Float32Array, Float64Array, Int32Array, Product, UInt8Array
@@ -95,6 +96,17 @@ class SplatCloud(Product):
     def __len__(self) -> int:
         return len(self.centers)
 
+    @classmethod
+    def empty(cls) -> "SplatCloud":
+        """Return a cloud without splats."""
+        return cls(
+            centers=np.zeros((0, 3), np.float32),
+            rotations=np.zeros((0, 4), np.float32),
+            scales=np.zeros((0, 3), np.float32),
+            opacities=np.zeros(0, np.float32),
+            harmonics=np.zeros((0, 1, 3), np.float32),
+        )
+
 
 class Filling(Product):
     """The soil volume under the splats: its surface, its particles and the splats that follow them.
@@ -103,7 +115,14 @@ class Filling(Product):
     riding on particle `interior_particles[k]`; `surface_particles[j]` is the particle that the
     reconstructed (observed) splat `j` follows, or -1 where the splat stays as scanned.
     `surface_support` says of each vertex 0 observed, 1 interpolated, 2 extrapolated.
+
+    `bounds` are the lowest and the highest corner of the region's volume, where the walls of a simulated
+    box stand. The terrain is the ground that remains once the soil is taken out, the base below it
+    included, its triangles counter-clockwise seen from the air; `scar` are splats that stay on that base
+    and show it once it is bare. A filler that knows neither leaves them empty.
     """
+
+    bounds: Annotated[Float64Array, Array((2, 3), "float64", "m")]
 
     particle_positions: Annotated[Float32Array, Array(("particle", 3), "float32", "m")]
     particle_volumes: Annotated[Float32Array, Array(("particle",), "float32", "m3")]
@@ -113,6 +132,13 @@ class Filling(Product):
     surface_vertices: Annotated[Float32Array, Array(("vertex", 3), "float32", "m")]
     surface_triangles: Annotated[Int32Array, Array(("triangle", 3), "int32", "index")]
     surface_support: Annotated[UInt8Array, Array(("vertex",), "uint8", "class")]
+    terrain_vertices: Annotated[Float32Array, Array(("terrain_vertex", 3), "float32", "m")] = Field(
+        default_factory=lambda: np.zeros((0, 3), np.float32)
+    )
+    terrain_triangles: Annotated[Int32Array, Array(("terrain_triangle", 3), "int32", "index")] = Field(
+        default_factory=lambda: np.zeros((0, 3), np.int32)
+    )
+    scar: SplatCloud = Field(default_factory=lambda: SplatCloud.empty())
 
     @model_validator(mode="after")
     def _carriers_exist(self) -> "Filling":
@@ -123,6 +149,12 @@ class Filling(Product):
             carriers = getattr(self, name)
             if carriers.size and (carriers.max() >= particle_count or carriers.min() < -1):
                 raise ValueError(f"{name} names a particle that does not exist (there are {particle_count})")
+        return self
+
+    @model_validator(mode="after")
+    def _bounds_in_order(self) -> "Filling":
+        if not (self.bounds[0] < self.bounds[1]).all():
+            raise ValueError(f"bounds must be the lowest, then the highest corner, not {self.bounds.tolist()}")
         return self
 
 

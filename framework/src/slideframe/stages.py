@@ -11,7 +11,7 @@ from typing import ClassVar, Literal
 from pydantic import BaseModel, ConfigDict
 
 from slideframe.device import Device
-from slideframe.problem import FillingProblem, ProblemModel, SimulationProblem, Site, ViewProblem
+from slideframe.problem import FillingProblem, ProblemModel, SimulationProblem, Site, View
 from slideframe.products import Filling, ParticleFrame, Picture, SplatCloud, Survey
 
 StageKind = Literal["pose_source", "reconstructor", "volume_filler", "solver", "renderer"]
@@ -81,7 +81,7 @@ class Stage(BaseModel, ABC):
     def preflight(self, problem: ProblemModel, device: Device) -> None:
         """Raise a SlideframeError now for anything that would stop the stage later.
 
-        `problem` is what the stage will be given: Site, FillingProblem, SimulationProblem or ViewProblem
+        `problem` is what the stage will be given: Site, FillingProblem, SimulationProblem or View
         (a Reconstructor is given the Site). The framework has checked `backend` before.
         """
 
@@ -138,10 +138,11 @@ class Renderer(Stage):
     @abstractmethod
     def render(
         self,
+        survey: Survey,
         splats: SplatCloud,
         filling: Filling,
         motion: Iterable[ParticleFrame],
-        problem: ViewProblem,
+        view: View,
         context: Context,
     ) -> Iterator[Picture]:
         """Yield one picture per frame of the motion, in order, reading each frame once."""

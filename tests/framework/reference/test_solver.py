@@ -3,7 +3,7 @@
 import numpy as np
 
 from slideframe.reference.solver import Particles, Stencil, bound_stretch, particles_to_grid
-from slideframe.testing.solver_scenes import block_filling, sand_problem
+from slideframe.testing.solver_scenes import block_filling, filling_of, sand_problem
 
 ROUNDING = 1e-12
 
@@ -12,7 +12,7 @@ def test_transfer_conserves_mass_and_both_momenta():
     """APIC conserves angular momentum too (Jiang et al. 2015); without stress the grid's equals the particles'."""
     random = np.random.default_rng(1)
     filling, problem = block_filling((1, 0.25, 0.5), (2, 0.75, 1)), sand_problem()
-    grid = problem.grid(filling.particle_positions)
+    grid = problem.grid(filling)
     state = Particles.at_rest(filling, 2000)
     state.velocities = random.standard_normal(state.velocities.shape)
     state.velocity_gradients = random.standard_normal(state.velocity_gradients.shape)
@@ -36,7 +36,7 @@ def _levi_civita():
 
 def test_splines_partition_unity_and_reproduce_linear_fields():
     positions = np.random.default_rng(2).uniform(0.1, 0.9, (100, 3))
-    grid = sand_problem().grid(np.float32([[0, 0, 1]]))
+    grid = sand_problem().grid(filling_of(np.float32([[0, 0, 1]]), 1.0))
     stencil = Stencil.around(positions, grid)
     np.testing.assert_allclose(stencil.weights.sum(axis=1), 1, rtol=ROUNDING)
     np.testing.assert_allclose(np.einsum("pn,pni->pi", stencil.weights, stencil.arms), 0, atol=ROUNDING)

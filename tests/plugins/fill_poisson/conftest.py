@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slideframe.device import Device
-from slideframe.problem import FillingProblem, Region
+from slideframe.problem import BoxRegion, FillingProblem
 from slideframe.products import Camera, Georeference, Photograph, SplatCloud, Survey
 from slideframe.stages import Context
 
@@ -73,7 +73,7 @@ def scatter():
 @pytest.fixture
 def box():
     def box(z_min=0.0, half=5.0, spacing=0.5):
-        region = Region(x_min=-half, x_max=half, y_min=-half, y_max=half, z_min=z_min)
+        region = BoxRegion(x_min=-half, x_max=half, y_min=-half, y_max=half, z_min=z_min)
         return FillingProblem(region=region, particle_spacing=spacing)
 
     return box

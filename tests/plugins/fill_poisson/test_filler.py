@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from slideframe.errors import ConfigurationError, StageFailed
-from slideframe.problem import FillingProblem, Region
+from slideframe.problem import BoxRegion, FillingProblem
 from slideframe_fill_poisson.filler import PoissonFiller
 
 # The mesh follows a smooth surface to a small share of the splats' spacing; the lattice loses nothing but thin edges.
@@ -99,7 +99,7 @@ def test_overhang_stays_hollow(survey, make_splats, context):
             "world_from_camera": np.concatenate([survey.world_from_camera, poses]),
         }
     )
-    problem = FillingProblem(region=Region(x_min=-5, x_max=5, y_min=-4, y_max=4, z_min=-1), particle_spacing=0.5)
+    problem = FillingProblem(region=BoxRegion(x_min=-5, x_max=5, y_min=-4, y_max=4, z_min=-1), particle_spacing=0.5)
     filling = PoissonFiller().fill(looking, make_splats(np.concatenate(parts)), problem, context)
     x, _, z = filling.particle_positions.T
     # no soil in the hollow but for rounded corners, and soil above and below it
@@ -231,7 +231,7 @@ def test_hole_is_reported_as_inferred(survey, make_splats, scatter, box, context
     ids=["elsewhere", "mostly beyond the scene", "above the ground"],
 )
 def test_region_without_ground_is_refused(filled, region, where):
-    problem = FillingProblem(region=Region(**region), particle_spacing=0.5)
+    problem = FillingProblem(region=BoxRegion(**region), particle_spacing=0.5)
     with pytest.raises(ConfigurationError) as caught:
         filled(slope, problem=problem)
     assert where in caught.value.where

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slideframe.problem import Region
+from slideframe.problem import BoxRegion
 from slideframe_fill_poisson.lattice import Lattice, measure_volume, place_particles
 from slideframe_fill_poisson.surface import Crossings, Surface
 
@@ -13,7 +13,7 @@ FLOAT32_ROUNDING = 1e-5
 
 
 def lattice_of(spacing):
-    return Lattice(Region(x_min=0, x_max=1, y_min=0, y_max=1, z_min=-2), spacing)
+    return Lattice(BoxRegion(x_min=0, x_max=1, y_min=0, y_max=1, z_min=-2), spacing)
 
 
 @given(
@@ -40,7 +40,7 @@ def test_particles_hold_the_soil_of_every_stretch(spacing, stretches):
 
 @given(spacing=st.floats(0.04, 3.0), width=st.floats(0.5, 9.0), depth=st.floats(0.5, 9.0))
 def test_columns_tile_the_plan(spacing, width, depth):
-    lattice = Lattice(Region(x_min=2, x_max=2 + width, y_min=-1, y_max=-1 + depth, z_min=0), spacing)
+    lattice = Lattice(BoxRegion(x_min=2, x_max=2 + width, y_min=-1, y_max=-1 + depth, z_min=0), spacing)
     x, y = lattice.columns()
     assert len(x) == len(y) == np.prod(lattice.shape)
     assert lattice.cell_area * len(x) == pytest.approx(width * depth)

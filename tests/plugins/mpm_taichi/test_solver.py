@@ -52,7 +52,7 @@ def test_too_little_memory_is_refused_before_anything_is_allocated(tmp_path, mon
 def test_a_lost_simulation_stops_and_names_the_particle(tmp_path):
     """A thousandfold stiffness behind the back of the time step's bound."""
     problem = sand_problem(duration=1.0)
-    steady = problem.time_step(problem.grid(BLOCK.particle_positions))
+    steady = problem.time_step(problem.grid(BLOCK))
 
     class Hasty(type(problem)):
         def time_step(self, grid):
@@ -89,16 +89,16 @@ def test_threads_do_not_change_a_bit(tmp_path):
         "from slideframe.testing.solver_scenes import block_filling, sand_problem\n"
         "from slideframe.testing.evidence import digest, fresh_context\n"
         "from slideframe_mpm_taichi.solver import TaichiSolver\n"
-        "problem = sand_problem(size=(8.0, 1.0), gravity=(9.81, 0.0, -9.81), duration=0.8)\n"
-        "block = block_filling((0.5, 0.0, 0.0), (5.0, 0.5, 0.5))\n"
+        "problem = sand_problem(gravity=(9.81, 0.0, -9.81), duration=0.8)\n"
+        "block = block_filling((0.5, 0.0, 0.0), (5.0, 0.5, 0.5), size=(8.0, 1.0))\n"
         "frames = list(TaichiSolver().solve(block, problem, fresh_context(Path(tempfile.mkdtemp()))))\n"
         "sys.stderr.write(digest(frames[-1]))\n"
     )
     environment = {**os.environ, "TI_CPU_MAX_NUM_THREADS": "3", "ENABLE_TAICHI_HEADER_PRINT": "0"}
     done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
     # on its slip floor the block crosses a dozen cells, so that slabs are cut anew many times
-    problem = sand_problem(size=(8.0, 1.0), gravity=(9.81, 0.0, -9.81), duration=0.8)
-    here = solve(problem, tmp_path, block_filling((0.5, 0.0, 0.0), (5.0, 0.5, 0.5)))
+    problem = sand_problem(gravity=(9.81, 0.0, -9.81), duration=0.8)
+    here = solve(problem, tmp_path, block_filling((0.5, 0.0, 0.0), (5.0, 0.5, 0.5), size=(8.0, 1.0)))
     assert (here[-1].positions - here[0].positions)[:, 0].mean() > 10 * 0.25
     assert done.stderr == digest(here[-1])
 

@@ -51,7 +51,7 @@ def test_too_little_memory_is_refused_before_anything_is_allocated(tmp_path, mon
 def test_a_lost_simulation_stops_and_names_the_particle(tmp_path):
     """A thousandfold stiffness behind the back of the time step's bound."""
     problem = sand_problem(duration=1.0)
-    steady = problem.time_step(problem.grid(BLOCK.particle_positions))
+    steady = problem.time_step(problem.grid(BLOCK))
 
     class Hasty(type(problem)):
         def time_step(self, grid):

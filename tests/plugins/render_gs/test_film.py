@@ -8,9 +8,10 @@ import torch
 
 from slideframe.coupling import Coupling, rotation_matrices
 from slideframe.device import Device
-from slideframe.problem import Region, View, ViewProblem
+from slideframe.problem import View
 from slideframe.products import Camera, Filling, ParticleFrame, SplatCloud
 from slideframe.stages import Context
+from slideframe.testing.ground_scenes import hillside_survey
 from slideframe_gs_torch.harmonics import evaluate_harmonics
 from slideframe_gs_torch.rasterize import rasterize
 from slideframe_render_gs.film import draw
@@ -37,9 +38,10 @@ def cloud(coefficients: int = 16) -> SplatCloud:
 
 def filling(splats: SplatCloud, carriers: np.ndarray) -> Filling:
     return Filling(
+        bounds=np.array([[-2.0, -2, -2], [2, 2, 2]]),
         particle_positions=splats.centers,
         particle_volumes=np.ones(COUNT, np.float32),
-        interior=cloud(1).model_copy(update={name: getattr(cloud(1), name)[:0] for name in SplatCloud.array_fields()}),
+        interior=SplatCloud.empty(),
         interior_particles=np.empty(0, np.int32),
         surface_particles=carriers.astype(np.int32),
         surface_vertices=np.zeros((3, 3), np.float32),
@@ -79,9 +81,8 @@ def test_a_still_scene_is_what_the_rasteriser_draws():
     np.testing.assert_allclose(draw(still, CAMERA, POSE, (0, 0, 0)), expected, atol=1)
 
 
-def problem(turn: float = 0.0) -> ViewProblem:
-    region = Region(x_min=-2, x_max=2, y_min=-2, y_max=2, z_min=-2)
-    return ViewProblem(region=region, view=View(width=64, height=48, turn=turn))
+def view(turn: float = 0.0) -> View:
+    return View(width=64, height=48, turn=turn)
 
 
 def context(folder: Path) -> Context:
@@ -98,7 +99,9 @@ def test_pictures_follow_the_motion_one_at_a_time(tmp_path):
             yield frame(splats.centers - [0, 0, 0.3 * index], np.eye(3), 0.04 * index)
 
     surroundings = context(tmp_path)
-    film = SplatRenderer().render(splats, filling(splats, np.arange(COUNT)), motion(), problem(), surroundings)
+    film = SplatRenderer().render(
+        hillside_survey(), splats, filling(splats, np.arange(COUNT)), motion(), view(), surroundings
+    )
     first = next(film)
     assert read == [0]
     rest = list(film)
@@ -113,10 +116,10 @@ def test_the_camera_turns_over_a_film_of_known_length(tmp_path):
     splats = cloud(1)
     still = [frame(splats.centers, np.eye(3), 0.04 * index) for index in range(3)]
     carriers = filling(splats, np.full(COUNT, -1))
-    turning = list(SplatRenderer().render(splats, carriers, still, problem(turn=90), context(tmp_path)))
-    standing = list(SplatRenderer().render(splats, carriers, still, problem(), context(tmp_path)))
+    turning = list(SplatRenderer().render(hillside_survey(), splats, carriers, still, view(turn=90), context(tmp_path)))
+    standing = list(SplatRenderer().render(hillside_survey(), splats, carriers, still, view(), context(tmp_path)))
     assert turning[0] == standing[0] == standing[2].model_copy(update={"time": 0.0})
     assert not np.array_equal(turning[0].pixels, turning[1].pixels)
     surroundings = context(tmp_path)
-    list(SplatRenderer().render(splats, carriers, iter(still), problem(turn=90), surroundings))
+    list(SplatRenderer().render(hillside_survey(), splats, carriers, iter(still), view(turn=90), surroundings))
     assert "does not turn" in surroundings.warnings[0]

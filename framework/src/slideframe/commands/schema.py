@@ -12,6 +12,7 @@ from pydantic import BaseModel
 from slideframe import catalogue, registry
 from slideframe.config import RunConfig
 from slideframe.errors import PluginConflict, PluginError
+from slideframe.problem import kind_of, models_of
 from slideframe.stages import Stage
 
 
@@ -50,23 +51,25 @@ def markdown_lines() -> Iterator[str]:
         yield from _tables(f"plugins.{stage.name}", stage)
 
 
-def _tables(key: str, model: type[BaseModel], without: tuple[str, ...] = ()) -> Iterator[str]:
-    """Give the model's own keys, then the tables inside it."""
+def _tables(key: str, model: type[BaseModel], without: tuple[str, ...] = (), member_of: int = 1) -> Iterator[str]:
+    """Give the model's own keys, then the tables inside it; the members of a union are told apart by their kind."""
     schema = model.model_json_schema()["properties"]
     inner, rows = {}, []
     for name, field in model.model_fields.items():
-        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
-            inner[name] = field.annotation
+        if members := models_of(field.annotation):
+            inner[name] = members
         elif name not in without:
             default = "required" if field.is_required() else json.dumps(schema[name].get("default"))
             choices = " \\| ".join(map(json.dumps, schema[name].get("enum", [])))
             meaning = "; ".join(filter(None, [field.description, choices]))
             rows.append(f"| `{name}` | {default} | {meaning} |")
     if rows:
-        yield from (f"## {f'[{key}]' if key else 'Top level'}", "", (model.__doc__ or "").splitlines()[0], "")
+        kind = f' with kind = "{kind_of(model)}"' if member_of > 1 else ""
+        yield from (f"## {f'[{key}]{kind}' if key else 'Top level'}", "", (model.__doc__ or "").splitlines()[0], "")
         yield from ("| key | default | meaning |", "|---|---|---|", *rows, "")
-    for name, annotation in inner.items():
-        yield from _tables(f"{key}.{name}".lstrip("."), annotation)
+    for name, members in inner.items():
+        for member in members:
+            yield from _tables(f"{key}.{name}".lstrip("."), member, member_of=len(members))
 
 
 def _importable_stages() -> Iterator[type[Stage]]:

@@ -7,17 +7,15 @@ import numpy as np
 import numpy.typing as npt
 
 from slideframe.arrays import Float64Array
-from slideframe.device import Device
 from slideframe.guards import (
     STRETCH_BOUNDS,
     Pace,
     check_memory,
     check_motion,
-    check_spacing,
     check_start,
     start_frame,
 )
-from slideframe.problem import Boundary, Grid, ProblemModel, Sand, SimulationProblem, Wall
+from slideframe.problem import Boundary, Grid, Sand, SimulationProblem, Wall
 from slideframe.products import Filling, ParticleFrame
 from slideframe.reference.constitutive import kirchhoff_stress, return_mapping
 from slideframe.stages import Context, Solver
@@ -30,11 +28,6 @@ class ReferenceSolver(Solver):
     """Explicit MLS-MPM in float64 NumPy: quadratic B-splines, affine transfer, sand (Hu et al. 2018)."""
 
     name = "reference"
-
-    def preflight(self, problem: ProblemModel, device: Device) -> None:
-        """Refuse a grid that can't resolve the region."""
-        if isinstance(problem, SimulationProblem):
-            check_spacing(problem)
 
     def solve(self, filling: Filling, problem: SimulationProblem, context: Context) -> Iterator[ParticleFrame]:
         """Yield the motion; always in float64, whatever `precision` says."""

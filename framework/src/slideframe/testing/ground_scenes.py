@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from slideframe.arrays import Float64Array
-from slideframe.problem import FillingProblem, Region
+from slideframe.problem import BoxRegion, FillingProblem
 from slideframe.products import Camera, Filling, Georeference, ParticleFrame, Photograph, SplatCloud, Survey
 
 REACH = 12.0
@@ -24,7 +24,7 @@ def hillside_height(x: Float64Array, y: Float64Array) -> Float64Array:
 
 def hillside_problem() -> FillingProblem:
     """Return a box within the hillside."""
-    region = Region(x_min=-6, x_max=6, y_min=-5, y_max=5, z_min=0)
+    region = BoxRegion(x_min=-6, x_max=6, y_min=-5, y_max=5, z_min=0)
     return FillingProblem(region=region, particle_spacing=PARTICLE_SPACING)
 
 
@@ -77,6 +77,10 @@ def hillside_filling() -> Filling:
     particles = lattice[lattice[:, 2] < hillside_height(lattice[:, 0], lattice[:, 1])].astype(np.float32)
     count = len(particles)
     return Filling(
+        bounds=np.array(
+            [[region.x_min, region.y_min, region.z_min], [region.x_max, region.y_max, particles[:, 2].max()]],
+            np.float64,
+        ),
         particle_positions=particles,
         particle_volumes=np.full(count, PARTICLE_SPACING**3, np.float32),
         interior=SplatCloud(

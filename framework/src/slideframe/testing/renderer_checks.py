@@ -5,14 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
-from slideframe.problem import View, ViewProblem
+from slideframe.problem import View
 from slideframe.products import ParticleFrame, Picture
 from slideframe.stages import Renderer
 from slideframe.testing.evidence import assert_same, assert_valid, digest, fresh_context
-from slideframe.testing.ground_scenes import hillside_filling, hillside_problem, hillside_splats, moving_frames
+from slideframe.testing.ground_scenes import hillside_filling, hillside_splats, hillside_survey, moving_frames
 
 # Two pictures of a mass that moved by metres differ in at least this share of the pixels.
 CHANGED_SHARE = 0.02
+VIEW = View(width=160, height=90)
+VIEW = View(width=160, height=90)
 
 
 def check_one_picture_per_frame(stage: Renderer, scratch: Path) -> None:
@@ -35,7 +37,7 @@ def check_frames_are_read_as_they_come(stage: Renderer, scratch: Path) -> None:
             read.append(frame.time)
             yield frame
 
-    pictures = stage.render(hillside_splats(), filling, motion(), _problem(), fresh_context(scratch))
+    pictures = stage.render(hillside_survey(), hillside_splats(), filling, motion(), VIEW, fresh_context(scratch))
     next(iter(pictures))
     assert len(read) <= 3, f"{len(read)} frames were read before the first picture came"
 
@@ -50,7 +52,7 @@ def check_still_scene_stays_the_same(stage: Renderer, scratch: Path) -> None:
 def check_moving_mass_is_seen(stage: Renderer, scratch: Path) -> None:
     """The scene fills part of the picture, and its motion changes it."""
     pictures = _render(stage, scratch, step=1.0)
-    background = np.round(255 * np.array(_problem().view.background))
+    background = np.round(255 * np.array(VIEW.background))
     drawn = (np.abs(pictures[0].pixels - background).max(axis=2) > 8).mean()
     assert drawn > 0.1, f"only {drawn:.1%} of the picture shows anything"
     changed = (pictures[0].pixels != pictures[-1].pixels).any(axis=2).mean()
@@ -61,7 +63,7 @@ def check_pictures_own_their_pixels(stage: Renderer, scratch: Path) -> None:
     """A picture doesn't change when the next one is asked for."""
     filling, kept, digests = hillside_filling(), [], []
     frames = moving_frames(filling, frame_count=3, step=0.5)
-    for picture in stage.render(hillside_splats(), filling, frames, _problem(), fresh_context(scratch)):
+    for picture in stage.render(hillside_survey(), hillside_splats(), filling, frames, VIEW, fresh_context(scratch)):
         kept.append(picture)
         digests.append(digest(picture))
     for picture, before in zip(kept, digests, strict=True):
@@ -73,7 +75,7 @@ def check_input_is_untouched(stage: Renderer, scratch: Path) -> None:
     splats, filling = hillside_splats(), hillside_filling()
     frames = moving_frames(filling, frame_count=2, step=0.5)
     before = [digest(product) for product in (splats, filling, *frames)]
-    for _ in stage.render(splats, filling, frames, _problem(), fresh_context(scratch)):
+    for _ in stage.render(hillside_survey(), splats, filling, frames, VIEW, fresh_context(scratch)):
         pass
     after = [digest(product) for product in (splats, filling, *frames)]
     assert after == before, "the renderer wrote into its inputs' arrays"
@@ -86,11 +88,7 @@ def check_two_runs_are_equal(stage: Renderer, scratch: Path) -> None:
         assert_same(one, other, f"picture at {one.time} s")
 
 
-def _problem() -> ViewProblem:
-    return ViewProblem(region=hillside_problem().region, view=View(width=160, height=90))
-
-
 def _render(stage: Renderer, scratch: Path, *, step: float, name: str = "run") -> list[Picture]:
     filling = hillside_filling()
     frames = moving_frames(filling, frame_count=3, step=step)
-    return list(stage.render(hillside_splats(), filling, frames, _problem(), fresh_context(scratch, name)))
+    return list(stage.render(hillside_survey(), hillside_splats(), filling, frames, VIEW, fresh_context(scratch, name)))

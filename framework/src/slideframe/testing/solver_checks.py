@@ -130,8 +130,8 @@ def check_free_fall_is_a_parabola(stage: Solver, scratch: Path) -> None:
 
 def check_walls_hold(stage: Solver, scratch: Path) -> None:
     """Sand that falls and spreads stays above the floor and between the walls."""
-    problem = sand_problem(size=(2.0, 0.5), duration=0.8, frame_rate=5.0)
-    frames = _solve(stage, block_filling((0.0, 0.0, 0.5), (1.0, 0.5, 1.5)), problem, scratch)
+    problem = sand_problem(duration=0.8, frame_rate=5.0)
+    frames = _solve(stage, block_filling((0.0, 0.0, 0.5), (1.0, 0.5, 1.5), size=(2.0, 0.5)), problem, scratch)
     slack = PENETRATION_IN_CELLS * problem.simulation.grid_spacing
     for frame in frames:
         low, high = frame.positions.min(axis=0), frame.positions.max(axis=0)
@@ -161,13 +161,11 @@ def check_column_settles_as_theory(stage: Solver, scratch: Path) -> None:
     """The top of a confined column under its own weight settles by rho g H^2 / 2M on average over a period."""
     height, modulus = 2.0, 1e6
     # nu = 0.4 has K0 = 0.667, inside the cone of 30 degrees: the column stays elastic
-    problem = sand_problem(size=(0.5, 0.5), duration=1.0, frame_rate=100.0, poisson_ratio=0.4, youngs_modulus=modulus)
+    problem = sand_problem(duration=1.0, frame_rate=100.0, poisson_ratio=0.4, youngs_modulus=modulus)
     constrained = problem.material.lame_lambda + 2 * problem.material.shear_modulus
     period = 4 * height / problem.material.pressure_wave_speed
-    problem = sand_problem(
-        size=(0.5, 0.5), duration=period, frame_rate=20 / period, poisson_ratio=0.4, youngs_modulus=modulus
-    )
-    filling = block_filling((0.0, 0.0, 0.0), (0.5, 0.5, height))
+    problem = sand_problem(duration=period, frame_rate=20 / period, poisson_ratio=0.4, youngs_modulus=modulus)
+    filling = block_filling((0.0, 0.0, 0.0), (0.5, 0.5, height), size=(0.5, 0.5))
     top = filling.particle_positions[:, 2] > height - 0.125
     heights = [
         float(frame.positions[top, 2].mean(dtype=np.float64)) for frame in _solve(stage, filling, problem, scratch)
@@ -181,11 +179,11 @@ def check_column_settles_as_theory(stage: Solver, scratch: Path) -> None:
 
 def check_sand_collapses_as_the_reference(stage: Solver, scratch: Path) -> None:
     """A block on a rough floor collapses as far as the float64 reference says, for a weak and a strong sand."""
-    filling = block_filling((0.0, 0.0, 0.0), (1.0, 0.5, 1.0))
+    filling = block_filling((0.0, 0.0, 0.0), (1.0, 0.5, 1.0), size=(4.0, 0.5))
     mine, theirs = {}, {}
     for angle in (22.0, 40.0):
         rough = Wall(kind="friction", friction_angle=22.0)
-        problem = sand_problem(size=(4.0, 0.5), duration=0.6, frame_rate=5.0, friction_angle=angle, floor=rough)
+        problem = sand_problem(duration=0.6, frame_rate=5.0, friction_angle=angle, floor=rough)
         mine[angle] = _displacement(_solve(stage, filling, problem, scratch, f"{angle}"))
         theirs[angle] = _displacement(_solve(ReferenceSolver(), filling, problem, scratch, f"{angle}-reference"))
         # the strong sand hardly moves: both are measured by the weak one's collapse

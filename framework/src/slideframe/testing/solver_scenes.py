@@ -5,17 +5,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from slideframe.arrays import Float32Array
-from slideframe.problem import Boundary, Region, Sand, Simulation, SimulationProblem, Vector, Wall
+from slideframe.problem import Boundary, Sand, Simulation, SimulationProblem, Vector, Wall
 from slideframe.products import Filling, SplatCloud
 
 # Soft enough for large substeps, stiff enough to settle by less than a percent.
 YOUNGS_MODULUS = 1e6
+# Plan of the box that the blocks stand in, m.
+SIZE = (4.0, 1.0)
 GRAVITY = (0.0, 0.0, -9.81)
 
 
 def sand_problem(
     *,
-    size: tuple[float, float] = (4.0, 1.0),
     spacing: float = 0.25,
     duration: float = 0.2,
     frame_rate: float = 10.0,
@@ -27,9 +28,8 @@ def sand_problem(
     floor: Wall | None = None,
     precision: str = "float32",
 ) -> SimulationProblem:
-    """Return sand of 2000 kg/m3 in a box from (0, 0, 0) to `size`, m."""
+    """Return sand of 2000 kg/m3."""
     return SimulationProblem(
-        region=Region(x_min=0, x_max=size[0], y_min=0, y_max=size[1], z_min=0),
         material=Sand(
             friction_angle=friction_angle,
             density=2000,
@@ -49,35 +49,28 @@ def sand_problem(
     )
 
 
-def block_filling(low: Sequence[float], high: Sequence[float], *, particle_spacing: float = 0.125) -> Filling:
-    """Return a lattice of particles that fills the box from `low` to `high`, m."""
+def block_filling(
+    low: Sequence[float], high: Sequence[float], *, size: tuple[float, float] = SIZE, particle_spacing: float = 0.125
+) -> Filling:
+    """Return a lattice of particles that fills the block from `low` to `high`, m, in a box of that plan `size`."""
     axes = [
         np.arange(start + particle_spacing / 2, end, particle_spacing) for start, end in zip(low, high, strict=True)
     ]
     lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    return filling_of(lattice.astype(np.float32), particle_spacing**3)
+    return filling_of(lattice.astype(np.float32), particle_spacing**3, size=size)
 
 
-def filling_of(positions: Float32Array, particle_volume: float) -> Filling:
-    """Return particles (n, 3), m, without splats or surface."""
+def filling_of(positions: Float32Array, particle_volume: float, *, size: tuple[float, float] = SIZE) -> Filling:
+    """Return particles (n, 3), m, without splats or surface, in a box of plan `size` as high as they stand."""
+    top = max(float(positions[:, 2].max(initial=0.0)), 1e-3)
     return Filling(
+        bounds=np.array([[0, 0, 0], [*size, top]], np.float64),
         particle_positions=positions,
         particle_volumes=np.full(len(positions), particle_volume, np.float32),
-        interior=no_splats(),
+        interior=SplatCloud.empty(),
         interior_particles=np.zeros(0, np.int32),
         surface_particles=np.zeros(0, np.int32),
         surface_vertices=np.zeros((0, 3), np.float32),
         surface_triangles=np.zeros((0, 3), np.int32),
         surface_support=np.zeros(0, np.uint8),
-    )
-
-
-def no_splats() -> SplatCloud:
-    """Return an empty cloud."""
-    return SplatCloud(
-        centers=np.zeros((0, 3), np.float32),
-        rotations=np.zeros((0, 4), np.float32),
-        scales=np.zeros((0, 3), np.float32),
-        opacities=np.zeros(0, np.float32),
-        harmonics=np.zeros((0, 1, 3), np.float32),
     )

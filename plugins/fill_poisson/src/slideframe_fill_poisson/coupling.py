@@ -3,7 +3,7 @@
 import numpy as np
 
 from slideframe.arrays import Float32Array, Int32Array
-from slideframe.problem import Region
+from slideframe.problem import BoxRegion
 from slideframe.products import SplatCloud
 from slideframe_fill_poisson.support import around
 from slideframe_fill_poisson.surface import Surface
@@ -17,7 +17,7 @@ def carriers(
     splats: SplatCloud,
     positions: Float32Array,
     surface: Surface,
-    region: Region,
+    region: BoxRegion,
     spacing: float,
     standing_height: float,
 ) -> Int32Array:

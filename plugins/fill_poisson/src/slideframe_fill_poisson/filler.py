@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from slideframe.errors import ConfigurationError, StageFailed
-from slideframe.problem import FillingProblem, Region
+from slideframe.problem import BoxRegion, FillingProblem
 from slideframe.products import Filling, SplatCloud, Survey
 from slideframe.stages import Context, VolumeFiller
 from slideframe_fill_poisson.coupling import STAYS, carriers
@@ -92,6 +92,10 @@ class PoissonFiller(VolumeFiller):
         context.figure("moving_splats", int((moving != STAYS).sum()))
         context.progress(5, STEPS)
         filling = Filling(
+            bounds=np.array(
+                [[region.x_min, region.y_min, region.z_min], [region.x_max, region.y_max, positions[:, 2].max()]],
+                np.float64,
+            ),
             particle_positions=positions,
             particle_volumes=volumes,
             interior=interior,
@@ -104,10 +108,10 @@ class PoissonFiller(VolumeFiller):
         context.progress(STEPS, STEPS)
         return filling
 
-    def _margin(self, region: Region) -> float:
+    def _margin(self, region: BoxRegion) -> float:
         return self.margin * max(region.x_max - region.x_min, region.y_max - region.y_min)
 
-    def _support(self, survey: Survey, splats: SplatCloud, region: Region) -> Support:
+    def _support(self, survey: Survey, splats: SplatCloud, region: BoxRegion) -> Support:
         """Choose the splats of the ground around the region."""
         solid = solid_splats(splats, self.minimum_opacity, self.oversize_ratio)
         _require(len(solid), "opaque enough", self.minimum_opacity, splats)
@@ -160,7 +164,7 @@ def _require(count: int, what: str, minimum_opacity: float, splats: SplatCloud) 
         )
 
 
-def _require_soil(positions: np.ndarray, surface: Surface, region: Region) -> None:
+def _require_soil(positions: np.ndarray, surface: Surface, region: BoxRegion) -> None:
     if not len(positions):
         low, high = surface.vertices[:, 2].min(), surface.vertices[:, 2].max()
         raise ConfigurationError(
@@ -170,7 +174,7 @@ def _require_soil(positions: np.ndarray, surface: Surface, region: Region) -> No
         )
 
 
-def _outside(region: Region, splats: SplatCloud, what: str) -> ConfigurationError:
+def _outside(region: BoxRegion, splats: SplatCloud, what: str) -> ConfigurationError:
     low, high = np.percentile(splats.centers, [1, 99], axis=0)
     return ConfigurationError(
         f"{what} x {region.x_min:g} to {region.x_max:g}, y {region.y_min:g} to {region.y_max:g} m",

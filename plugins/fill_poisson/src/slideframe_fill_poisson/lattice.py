@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slideframe.arrays import Float32Array, Float64Array
-from slideframe.problem import Region
+from slideframe.problem import BoxRegion
 from slideframe_fill_poisson.surface import Crossings, Surface
 
 MOST_LINES = 4_000_000  # lines that measure the volume, for memory's sake
@@ -17,7 +17,7 @@ class Lattice:
     `spacing`, so that whole cells fit; its height is `spacing` exactly.
     """
 
-    region: Region
+    region: BoxRegion
     spacing: float
 
     @property

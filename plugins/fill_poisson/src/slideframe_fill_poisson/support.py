@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slideframe.arrays import Float32Array, Float64Array
-from slideframe.problem import Region
+from slideframe.problem import BoxRegion
 from slideframe.products import SplatCloud, Survey
 
 SPACING_NEIGHBORS = 8
@@ -42,7 +42,7 @@ def solid_splats(splats: SplatCloud, minimum_opacity: float, oversize_ratio: flo
     return np.flatnonzero(opaque & (largest <= oversize_ratio * usual))
 
 
-def around(centers: Float32Array, region: Region, margin: float) -> np.ndarray:
+def around(centers: Float32Array, region: BoxRegion, margin: float) -> np.ndarray:
     """Tell which points stand above the region's plan, widened by `margin` metres."""
     x, y = centers[:, 0], centers[:, 1]
     inside: np.ndarray = (

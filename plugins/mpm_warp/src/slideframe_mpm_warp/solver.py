@@ -5,9 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from slideframe.device import Device
-from slideframe.guards import Pace, check_memory, check_motion, check_spacing, check_start, start_frame
-from slideframe.problem import ProblemModel, SimulationProblem
+from slideframe.guards import Pace, check_memory, check_motion, check_start, start_frame
+from slideframe.problem import SimulationProblem
 from slideframe.products import Filling, ParticleFrame
 from slideframe.stages import Context, Solver
 
@@ -21,11 +20,6 @@ class WarpSolver(Solver):
     name = "mpm_warp"
     backend: ClassVar[tuple[str, ...]] = ("warp",)
     devices: ClassVar[frozenset[str]] = frozenset({"cpu", "cuda"})
-
-    def preflight(self, problem: ProblemModel, device: Device) -> None:
-        """Refuse a grid that can't resolve the region."""
-        if isinstance(problem, SimulationProblem):
-            check_spacing(problem)
 
     def solve(self, filling: Filling, problem: SimulationProblem, context: Context) -> Iterator[ParticleFrame]:
         """Yield the motion; on the CPU the same input gives the same bits."""

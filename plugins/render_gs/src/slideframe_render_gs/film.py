@@ -8,14 +8,14 @@ import torch
 
 from slideframe.arrays import Float64Array, UInt8Array
 from slideframe.coupling import Coupling, MovedSplats
-from slideframe.problem import ViewProblem
+from slideframe.problem import View
 from slideframe.products import Camera, Filling, ParticleFrame, Picture, SplatCloud
 from slideframe.stages import Context
 from slideframe_gs_torch.rasterize import evaluate_harmonics, rasterize
 
 
 def pictures(
-    splats: SplatCloud, filling: Filling, motion: Iterable[ParticleFrame], problem: ViewProblem, context: Context
+    splats: SplatCloud, filling: Filling, motion: Iterable[ParticleFrame], view: View, context: Context
 ) -> Iterator[Picture]:
     """Yield one picture per frame; memory is that of one frame.
 
@@ -24,14 +24,14 @@ def pictures(
     coupling = Coupling(splats, filling)
     bounds = np.stack([filling.particle_positions.min(axis=0), filling.particle_positions.max(axis=0)])
     count = len(motion) if isinstance(motion, Sized) else 0
-    if problem.view.turn and not count:
+    if view.turn and not count:
         context.warn("the length of the film is not known beforehand, so the camera does not turn")
     context.figure("splats", len(coupling))
     seconds = 0.0
     for index, frame in enumerate(motion):
         began = time.perf_counter()
-        camera, pose = problem.camera(index / max(count - 1, 1) if count else 0.0, bounds)
-        pixels = draw(coupling.at(frame), camera, pose, problem.view.background)
+        camera, pose = view.camera(index / max(count - 1, 1) if count else 0.0, bounds)
+        pixels = draw(coupling.at(frame), camera, pose, view.background)
         seconds += time.perf_counter() - began
         context.figure("frames_per_second", (index + 1) / seconds)
         context.progress(index + 1, max(count, index + 1))

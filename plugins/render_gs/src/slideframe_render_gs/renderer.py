@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Iterator
 from typing import ClassVar
 
-from slideframe.problem import ViewProblem
-from slideframe.products import Filling, ParticleFrame, Picture, SplatCloud
+from slideframe.problem import View
+from slideframe.products import Filling, ParticleFrame, Picture, SplatCloud, Survey
 from slideframe.stages import Context, Renderer
 
 
@@ -16,13 +16,14 @@ class SplatRenderer(Renderer):
 
     def render(
         self,
+        survey: Survey,
         splats: SplatCloud,
         filling: Filling,
         motion: Iterable[ParticleFrame],
-        problem: ViewProblem,
+        view: View,
         context: Context,
     ) -> Iterator[Picture]:
         """Yield one picture per frame of the motion, in order, reading each frame once."""
         from slideframe_render_gs.film import pictures
 
-        return pictures(splats, filling, motion, problem, context)
+        return pictures(splats, filling, motion, view, context)

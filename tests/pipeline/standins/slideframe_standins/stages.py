@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from slideframe.errors import InputError
-from slideframe.problem import FillingProblem, SimulationProblem, Site, ViewProblem
+from slideframe.problem import FillingProblem, SimulationProblem, Site, View
 from slideframe.products import (
     Camera,
     Filling,
@@ -102,6 +102,7 @@ class StandinFiller(VolumeFiller):
         particles = splats.centers[::2] - np.float32([0, 0, 1])
         count = len(particles)
         return Filling(
+            bounds=np.array([[0, 0, -5], [9, 9, 1]], np.float64),
             particle_positions=particles,
             particle_volumes=np.full(count, problem.particle_spacing**3, np.float32),
             interior=splat_cloud(particles),
@@ -142,16 +143,17 @@ class StandinRenderer(Renderer):
 
     def render(
         self,
+        survey: Survey,
         splats: SplatCloud,
         filling: Filling,
         motion: Iterable[ParticleFrame],
-        problem: ViewProblem,
+        view: View,
         context: Context,
     ) -> Iterator[Picture]:
         count_call(self.name)
         for frame in motion:
             grey = int(np.clip(128 + 10 * frame.positions[:, 2].mean(), 0, 255))
-            yield Picture(time=frame.time, pixels=np.full((problem.view.height, problem.view.width, 3), grey, np.uint8))
+            yield Picture(time=frame.time, pixels=np.full((view.height, view.width, 3), grey, np.uint8))
 
 
 class OtherSolver(StandinSolver):

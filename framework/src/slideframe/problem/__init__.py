@@ -1,0 +1,32 @@
+"""The problem: what is simulated and seen, handed identically to every backend. SI units, angles in degrees."""
+
+from slideframe.problem.base import ProblemModel, Share, Vector, kind_of, kind_or, models_of
+from slideframe.problem.boundary import Boundary, Wall
+from slideframe.problem.grid import Grid, place_grid
+from slideframe.problem.material import Material, Sand
+from slideframe.problem.region import BoxRegion, FillingProblem, Region
+from slideframe.problem.simulation import Simulation, SimulationProblem
+from slideframe.problem.site import Site
+from slideframe.problem.view import View
+
+__all__ = [
+    "Boundary",
+    "BoxRegion",
+    "FillingProblem",
+    "Grid",
+    "Material",
+    "ProblemModel",
+    "Region",
+    "Sand",
+    "Share",
+    "Simulation",
+    "SimulationProblem",
+    "Site",
+    "Vector",
+    "View",
+    "Wall",
+    "kind_of",
+    "kind_or",
+    "models_of",
+    "place_grid",
+]

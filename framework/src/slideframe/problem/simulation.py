@@ -1,0 +1,67 @@
+"""Time, space and accuracy, and what a solver is asked for."""
+
+import math
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from slideframe.problem.base import ProblemModel, Vector
+from slideframe.problem.boundary import Boundary
+from slideframe.problem.grid import Grid, place_grid
+from slideframe.problem.material import Material
+from slideframe.products import Filling
+
+
+class Simulation(ProblemModel):
+    """Time, space and accuracy of the simulation."""
+
+    duration: float = Field(gt=0, description="s")
+    frame_rate: float = Field(default=25.0, gt=0, description="output frames per simulated second")
+    grid_spacing: float = Field(gt=0, description="m")
+    particles_per_cell: int = Field(default=8, ge=1, le=64)
+    gravity: Vector = Field(default=(0.0, 0.0, -9.81), description="m/s2")
+    cfl: float = Field(default=0.4, gt=0, lt=1, description="share of a cell that a wave may cross in one substep")
+    precision: Literal["float32", "float64"] = "float32"
+
+    @model_validator(mode="after")
+    def _whole_frames(self) -> "Simulation":
+        if self.frame_count < 2:
+            raise ValueError("duration must hold at least one frame: raise duration or frame_rate")
+        return self
+
+    @property
+    def frame_count(self) -> int:
+        """Frames including the one at t = 0; the last is the whole frame nearest to `duration`."""
+        return round(self.duration * self.frame_rate) + 1
+
+    @property
+    def particle_spacing(self) -> float:
+        """Edge of the cube of soil that one particle stands for, m."""
+        return float(self.grid_spacing / self.particles_per_cell ** (1 / 3))
+
+
+class SimulationProblem(ProblemModel):
+    """What a solver is asked for."""
+
+    material: Material
+    boundary: Boundary = Boundary()
+    simulation: Simulation
+
+    def grid(self, filling: Filling) -> Grid:
+        """Place the grid around the filling's bounds."""
+        return place_grid(filling.bounds, self.simulation.grid_spacing)
+
+    def time_step(self, grid: Grid) -> tuple[float, int]:
+        """Return the substep in s and the whole number of substeps in a frame.
+
+        dt = cfl dx / (c_p + v), where v = sqrt(2 sum |g_i| L_i) is the speed of a free fall from one corner
+        of the grid, of extent L, to the opposite one: a bound known beforehand, so that every backend takes
+        the same steps.
+        The substep is shortened so that output times are met exactly.
+        """
+        simulation = self.simulation
+        falls = zip(simulation.gravity, grid.extent, strict=True)
+        fall_speed = math.sqrt(2 * sum(abs(gravity) * length for gravity, length in falls))
+        longest = simulation.cfl * grid.spacing / (self.material.pressure_wave_speed + fall_speed)
+        substeps = math.ceil(1 / (simulation.frame_rate * longest))
+        return 1 / (simulation.frame_rate * substeps), substeps
