@@ -14,6 +14,8 @@ from slideframe import record
 from slideframe.errors import StoreError
 
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+# a writer that has died may be waited for, but not for the two minutes that a slow disk is given
+record.FLUSH_SECONDS = 10.0
 recording = record.Recording(Path({path!r}), "full")
 resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
 for index in range(20):
