@@ -156,6 +156,31 @@ def stated_accuracy(epsg: int, georeference: Georeference, vertical: Heights = E
     return None if accuracy is None or accuracy < 0 else float(accuracy)
 
 
+def undulation(vertical: Heights, latitude: Float64Array, longitude: Float64Array) -> Float64Array:
+    """Return how far the level that the user describes lies above the ellipsoid at each place, m.
+
+    Raises:
+        InputError: the grid can't be read, or doesn't cover the places.
+    """
+    if vertical.geoid_grid is None:
+        return np.full(np.shape(latitude), vertical.geoid_offset or 0.0)
+    pyproj = _pyproj()
+    grid = str(vertical.geoid_grid)
+    try:
+        shift = pyproj.Transformer.from_pipeline(
+            "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad"
+            f' +step +proj=vgridshift +grids="{grid}" +multiplier=1'
+        )
+        _, _, offset = shift.transform(longitude, latitude, np.zeros_like(latitude), errcheck=True)
+    except pyproj.exceptions.ProjError as error:
+        raise InputError(
+            "the geoid grid can't be used: it's unreadable, or doesn't cover the site",
+            where=grid,
+            cure="give a grid of undulations that PROJ reads and that covers the site, or geoid_offset",
+        ) from error
+    return np.asarray(offset, np.float64)
+
+
 class _Conversion:
     """From WGS84 to one system and back, by the operation that is best within some bounds."""
 
@@ -168,7 +193,7 @@ class _Conversion:
         latitude, longitude, height = geodetic.T
         x, y, z = self._operation.transform(longitude, latitude, height)
         if self._vertical.undulation_given:
-            z = height - _undulation(self._vertical, latitude, longitude)
+            z = height - undulation(self._vertical, latitude, longitude)
         return self._finite(np.column_stack([x, y, z]))
 
     def backward(self, points: Float64Array) -> Float64Array:
@@ -177,7 +202,7 @@ class _Conversion:
         longitude, latitude, height = self._operation.transform(x, y, z, direction="INVERSE")
         self._finite(np.column_stack([latitude, longitude, height]))
         if self._vertical.undulation_given:
-            height = z + _undulation(self._vertical, latitude, longitude)
+            height = z + undulation(self._vertical, latitude, longitude)
         return np.column_stack([latitude, longitude, height])
 
     def inverse(self, points: Float64Array) -> Float64Array:
@@ -225,26 +250,6 @@ def _operation(crs: "CRS", bounds: Bounds) -> "Transformer":
         f"PROJ knows no transformation from WGS84 to {crs.name} here, only guesses, which would leave heights wrong",
         cure="give geoid_offset (how far the level of heights lies above the WGS84 ellipsoid, m) or geoid_grid",
     )
-
-
-def _undulation(vertical: Heights, latitude: Float64Array, longitude: Float64Array) -> Float64Array | float:
-    """Return how far the level that the user describes lies above the ellipsoid, m."""
-    if vertical.geoid_grid is None:
-        return vertical.geoid_offset or 0.0
-    pyproj = _pyproj()
-    grid = str(vertical.geoid_grid)
-    cure = "give a grid of undulations that PROJ reads and that covers the site, or geoid_offset"
-    try:
-        shift = pyproj.Transformer.from_pipeline(
-            "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad"
-            f' +step +proj=vgridshift +grids="{grid}" +multiplier=1'
-        )
-        _, _, undulation = shift.transform(longitude, latitude, np.zeros_like(latitude), errcheck=True)
-    except pyproj.exceptions.ProjError as error:
-        raise InputError(
-            "the geoid grid can't be used: it's unreadable, or doesn't cover the site", where=grid, cure=cure
-        ) from error
-    return np.asarray(undulation, np.float64)
 
 
 def _system(epsg: int, vertical: Heights) -> "CRS":

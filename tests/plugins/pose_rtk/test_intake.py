@@ -110,4 +110,4 @@ def test_heights_of_another_datum_are_told_and_doubted(
     records, _ = admit(photograph_files(folder), folder, context)
     flight = plan_flight(records, folder, None, context)
     assert flight.position_sigma[1, 2] > 10 > flight.position_sigma[0, 2], "the geoid may lie tens of metres off"
-    assert any("barometric" in warning and "good1.JPG" in warning for warning in context.warnings)
+    assert any("PressureAlt" in warning and "good1.JPG" in warning for warning in context.warnings)

@@ -6,9 +6,9 @@ import pytest
 
 from slideframe.errors import InputError
 from slideframe_pose_rtk.intrinsics import camera_of
-from slideframe_pose_rtk.metadata import Dewarp, PhotoRecord
+from slideframe_pose_rtk.metadata import LensCalibration, PhotoRecord
 
-DEWARP = Dewarp(
+DEWARP = LensCalibration(
     focal_x=3700.0, focal_y=3710.0, center_x=-12.0, center_y=8.0, distortion=(-0.1, 0.02, 0.001, -0.002, -0.01)
 )
 FULL = (5280, 3956)

@@ -16,9 +16,6 @@ from slideframe_pose_rtk.intrinsics import Calibration, camera_of
 from slideframe_pose_rtk.metadata import PhotoRecord
 from slideframe_pose_rtk.orientation import world_from_camera
 
-# Among ellipsoidal heights, one above another level may be off by the geoid's undulation (-107 to +86 m on Earth).
-UNDULATION_SIGMA = 50.0
-
 
 @dataclass(frozen=True, eq=False)
 class Flight:
@@ -72,7 +69,7 @@ def plan_flight(records: Sequence[PhotoRecord], folder: Path, origin: Georeferen
         calibrations=calibrations,
         camera_of=camera_indices,
         positions=LocalFrame(georeference).to_local(latitude, longitude, height),
-        position_sigma=_position_sigma(records),
+        position_sigma=np.array([record.position_sigma for record in records]),
         rotations=np.array(
             [
                 world_from_camera(*record.gimbal) if known and record.gimbal else np.eye(3)
@@ -102,28 +99,12 @@ def _distinct_cameras(
     return tuple(camera for _, camera in known), tuple(calibrations), tuple(indices)
 
 
-def _position_sigma(records: Sequence[PhotoRecord]) -> Float64Array:
-    """Return (photograph, 3) m, doubting heights of another datum than the RTK ones beside them."""
-    sigma = np.array([record.position_sigma for record in records])
-    other = np.array([record.height_datum != "ellipsoidal" for record in records])
-    if not other.all():
-        sigma[other, 2] = np.maximum(sigma[other, 2], UNDULATION_SIGMA)
-    return sigma
-
-
 def _warn_of_gaps(flight: Flight, context: Context) -> None:
     records = flight.records
     count = len(records)
     weak = [record for record in records if record.fix != "fixed"]
     if weak:
         context.warn(f"{len(weak)} of {count} photographs have no fixed RTK position: {names(weak)}")
-    other = [record for record in records if record.height_datum != "ellipsoidal"]
-    if other:
-        kinds = ", ".join(sorted({record.height_datum for record in other}))
-        context.warn(
-            f"{len(other)} of {count} photographs don't state an ellipsoidal height ({kinds}): the survey's own shape"
-            f" doesn't suffer, its absolute height may be tens of metres off: {names(other)}"
-        )
     lost = [record for record, known in zip(records, flight.oriented, strict=True) if not known]
     if lost:
         context.warn(f"{len(lost)} of {count} photographs hold no gimbal angles, or zeros: {names(lost)}")

@@ -5,17 +5,24 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from slideframe.errors import InputError
+from slideframe.georeferencing import Heights
 from slideframe.stages import Context
+from slideframe_pose_rtk.altitude import AltitudeRules, settle_altitudes
 from slideframe_pose_rtk.intrinsics import camera_of
-from slideframe_pose_rtk.metadata import PhotoRecord, read_record
+from slideframe_pose_rtk.jpeg import lacks_its_end
+from slideframe_pose_rtk.metadata import PhotoRecord
+from slideframe_pose_rtk.naming import names as names  # solution and flight take it from here
+from slideframe_pose_rtk.reading import read_record
 
 SUFFIXES = frozenset({".jpg", ".jpeg"})
 LEAST_PHOTOGRAPHS = 3  # two rays per point leave the shape of the ground along the base line undetermined
 LEAST_EXTENT = 1.0  # m; from closer together, depth can't be told from noise
 SITE_RADIUS = 5000.0  # m; a position farther from the median one belongs to another place
 METERS_PER_DEGREE = 111_320.0  # of latitude
+STATED_ALTITUDES = AltitudeRules(geoid=Heights())
 
 
 def photograph_files(folder: Path) -> list[Path]:
@@ -49,7 +56,7 @@ def require_some_located(files: Iterable[Path], folder: Path) -> None:
     located = 0
     for path in files:
         try:
-            located += is_located(read_record(path))
+            located += read_record(path).is_located
         except InputError:
             continue
         if located == LEAST_PHOTOGRAPHS:
@@ -57,26 +64,25 @@ def require_some_located(files: Iterable[Path], folder: Path) -> None:
     raise _too_few(located, "with a position in their metadata", folder)
 
 
-def is_located(record: PhotoRecord) -> bool:
-    """Tell whether the metadata holds latitude, longitude and height."""
-    return record.latitude is not None and record.height is not None
-
-
-def admit(files: Sequence[Path], folder: Path, context: Context) -> tuple[list[PhotoRecord], list[str]]:
-    """Return the usable records and their files' SHA-256, warning by name of what is left out and why.
+def admit(
+    files: Sequence[Path], folder: Path, context: Context, rules: AltitudeRules = STATED_ALTITUDES
+) -> tuple[list[PhotoRecord], list[str]]:
+    """Return the usable records and their files' SHA-256, warning by name of what is left out or doubtful, and why.
 
     Raises:
-        InputError: fewer than three photographs are usable, or all were taken from one point.
+        InputError: fewer than three photographs are usable, or the geoid grid can't be used.
     """
     records, digests = _readable(files, context)
-    kept = np.array([is_located(record) for record in records], bool)
+    kept = np.array([record.is_located for record in records], bool)
     _warn_without(records, kept, "no latitude, longitude and height in their metadata", context)
     near = kept.copy()
     near[kept] = _near_the_site([record for record, keep in zip(records, kept, strict=True) if keep])
     _warn_without(records, near | ~kept, f"more than {SITE_RADIUS / 1000:.0f} km from the others", context)
     records = [record for record, keep in zip(records, near, strict=True) if keep]
     require_enough(len(records), "with a usable position", folder)
-    return records, [digest for digest, keep in zip(digests, near, strict=True) if keep]
+    _pass_warnings_on(records, context)
+    digests = [digest for digest, keep in zip(digests, near, strict=True) if keep]
+    return settle_altitudes(records, rules, context), digests
 
 
 def require_enough(count: int, what: str, folder: Path) -> None:
@@ -104,13 +110,6 @@ def require_baseline(positions: np.ndarray, folder: Path) -> None:
         )
 
 
-def names(records: Iterable[PhotoRecord], most: int = 5) -> str:
-    """List file names for a message."""
-    all_names = [record.path.name for record in records]
-    more = f" and {len(all_names) - most} more" if len(all_names) > most else ""
-    return ", ".join(all_names[:most]) + more
-
-
 def _too_few(count: int, what: str, folder: Path) -> InputError:
     return InputError(
         f"at least {LEAST_PHOTOGRAPHS} photographs {what} are needed, and there are {count}",
@@ -127,6 +126,7 @@ def _readable(files: Sequence[Path], context: Context) -> tuple[list[PhotoRecord
         try:
             record, digest = read_record(path), hashlib.sha256(path.read_bytes()).hexdigest()
             camera_of(record)  # a photograph without a focal length is of no use
+            _require_whole(path)
         except InputError as error:
             context.warn(f"{path.name} is left out: {error.what}")
             continue
@@ -136,6 +136,31 @@ def _readable(files: Sequence[Path], context: Context) -> tuple[list[PhotoRecord
         records.append(record)
         digests.append(digest)
     return records, digests
+
+
+def _require_whole(path: Path) -> None:
+    """Refuse a picture whose data break off; only those that may are decoded.
+
+    Raises:
+        InputError: the picture can't be decoded to its last row.
+    """
+    if not lacks_its_end(path):
+        return
+    try:
+        with Image.open(path) as picture:
+            picture.load()
+    except (OSError, SyntaxError, ValueError) as error:
+        raise InputError(
+            "its picture is cut off: the file ends too early", where=str(path), cure="copy it from the drone again"
+        ) from error
+
+
+def _pass_warnings_on(records: Sequence[PhotoRecord], context: Context) -> None:
+    """Say what is doubtful about the photographs, once for all that share it."""
+    for warning in sorted({warning for record in records for warning in record.warnings}):
+        those = [record for record in records if warning in record.warnings]
+        whose = names(those) if len(those) < 2 else f"each of {len(those)} photographs ({names(those)})"
+        context.warn(f"{whose} {warning}")
 
 
 def _near_the_site(records: Sequence[PhotoRecord]) -> np.ndarray:

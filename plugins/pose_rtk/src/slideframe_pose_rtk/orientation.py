@@ -8,6 +8,8 @@ NED_TO_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 # At zero gimbal angles the camera's forward is the body's x, its right the body's y, its down the body's z.
 CAMERA_TO_BODY = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
+LOCKED = 1e-9  # cosine of a pitch that counts as straight up or down
+
 
 def world_from_camera(yaw: float, pitch: float, roll: float) -> Float64Array:
     """Return the (3, 3) rotation from camera axes (right, down, forward) to east-north-up.
@@ -17,6 +19,33 @@ def world_from_camera(yaw: float, pitch: float, roll: float) -> Float64Array:
     """
     rotation: Float64Array = NED_TO_ENU @ _about_z(yaw) @ _about_y(pitch) @ _about_x(roll) @ CAMERA_TO_BODY
     return rotation
+
+
+def world_from_downward_camera(yaw: float, pitch: float, roll: float) -> Float64Array:
+    """Return the (3, 3) rotation of a camera fixed to a drone so that at zero angles it looks straight down.
+
+    Pix4D's convention for its yaw, pitch and roll tags, degrees: turned z, y, x in north-east-down as well,
+    with the top of the picture ahead.
+    """
+    rotation: Float64Array = (
+        NED_TO_ENU @ _about_z(yaw) @ _about_y(pitch) @ _about_x(roll) @ _about_y(-90.0) @ CAMERA_TO_BODY
+    )
+    return rotation
+
+
+def gimbal_angles(rotation: Float64Array) -> tuple[float, float, float]:
+    """Return yaw, pitch and roll in degrees of a (3, 3) rotation, such that `world_from_camera` gives it back.
+
+    Looking straight up or down, only the sum of yaw and roll is determined; roll is 0 then.
+    """
+    body = NED_TO_ENU.T @ rotation @ CAMERA_TO_BODY.T
+    level = np.hypot(body[0, 0], body[1, 0])
+    pitch = np.arctan2(-body[2, 0], level)
+    if level < LOCKED:
+        yaw, roll = np.arctan2(-body[0, 1], body[1, 1]), 0.0
+    else:
+        yaw, roll = np.arctan2(body[1, 0], body[0, 0]), np.arctan2(body[2, 1], body[2, 2])
+    return float(np.degrees(yaw)), float(np.degrees(pitch)), float(np.degrees(roll))
 
 
 def angle_between(first: Float64Array, second: Float64Array) -> Float64Array:

@@ -22,7 +22,7 @@ class RtkPoses(PoseSource):
     """Cameras from EXIF and XMP, refined by bundle adjustment with the RTK positions as priors."""
 
     name = "pose_rtk"
-    backend: ClassVar[tuple[str, ...]] = ("defusedxml", "pyproj", "pycolmap")
+    backend: ClassVar[tuple[str, ...]] = ("defusedxml", "exifread", "pyproj", "pycolmap")
 
     refine: bool = Field(
         default=True,

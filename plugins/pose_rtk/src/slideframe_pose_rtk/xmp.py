@@ -1,29 +1,48 @@
-"""XMP packets of a JPEG file, read from its APP1 segments and parsed without trusting them.
-
-Segment layout: ISO 10918-1 annex B; packets and their extension: Adobe XMP specification part 3, section 1.1.3.
-"""
+"""XMP packets of a JPEG file, parsed without trusting them (Adobe XMP specification, parts 1 and 3)."""
 
 import struct
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 from xml.etree.ElementTree import Element, ParseError
 
 from slideframe.errors import InputError
+from slideframe_pose_rtk.jpeg import app1_segments
 
-APP1 = 0xE1
-START_OF_SCAN = 0xDA
 PACKET = b"http://ns.adobe.com/xap/1.0/\x00"
 EXTENSION = b"http://ns.adobe.com/xmp/extension/\x00"
-EXTENSION_HEADER = len(EXTENSION) + 32 + 4  # signature, GUID, full length; then the offset of this part
+GUID = slice(len(EXTENSION), len(EXTENSION) + 32)
+EXTENSION_HEADER = len(EXTENSION) + 32 + 4 + 4  # signature, GUID, full length, offset of this part
 
-RDF_DESCRIPTION = "{http://www.w3.org/1999/02/22-rdf-syntax-ns#}Description"
-# Drone makers' own namespaces; standard ones (exif, tiff, dc) repeat EXIF in other notations.
-MAKER_NAMESPACES = ("dji", "autel")
+RDF = "{http://www.w3.org/1999/02/22-rdf-syntax-ns#}"
+# Which namespaces to read, by a part of their address, and the prefix their names get. The drone makers' that DJI's
+# names come from or were taken over have none. EXIF's own properties repeat EXIF in other notations.
+NAMESPACES = (
+    ("dji", ""),
+    ("autel", ""),
+    ("parrot", "parrot:"),
+    ("skydio", "skydio:"),
+    ("pix4d.com/camera", "camera:"),
+    ("sensefly.com/camera", "camera:"),
+    ("adobe.com/tiff", "tiff:"),
+    ("adobe.com/xmp/note", "note:"),
+    ("/drone", ""),
+)
 
 
-def read_xmp(path: Path) -> dict[str, str]:
-    """Return the drone maker's properties by local name, from all packets; the first value of a name counts.
+@dataclass(frozen=True)
+class Xmp:
+    """Properties by name, from all packets of a file; `disagreements` names those that two packets tell differently.
+
+    Names are local ones behind the prefix of `NAMESPACES`; a structure's members follow after a slash.
+    """
+
+    properties: dict[str, str]
+    disagreements: tuple[str, ...] = ()
+
+
+def read_xmp(path: Path) -> Xmp:
+    """Return what the XMP packets say of drone, camera and place; the first value of a name counts.
 
     Attributes (as cameras write them) and child elements (as editing programs rewrite them) read the same.
 
@@ -31,38 +50,30 @@ def read_xmp(path: Path) -> dict[str, str]:
         InputError: a packet isn't XML, or holds entities or a document type that could expand or load anything.
     """
     properties: dict[str, str] = {}
+    disagreements: list[str] = []
     for packet in xmp_packets(path):
         for name, value in _properties(_parse(packet, path)):
-            properties.setdefault(name, value)
-    return properties
+            if properties.setdefault(name, value) != value and name not in disagreements:
+                disagreements.append(name)
+    return Xmp(properties, tuple(disagreements))
 
 
 def xmp_packets(path: Path) -> list[bytes]:
-    """Return the packets of a JPEG file: the standard ones in order, then the assembled extension, if any."""
+    """Return the packets of a JPEG file: the standard ones in order, then the assembled extensions.
+
+    An extension belongs to the standard packet that names its GUID; where none names any, all count.
+    """
     standard: list[bytes] = []
-    parts: dict[int, bytes] = {}
+    parts: dict[bytes, dict[int, bytes]] = {}
     with path.open("rb") as file:
-        for segment in _app1_segments(file):
+        for segment in app1_segments(file):
             if segment.startswith(PACKET):
                 standard.append(segment[len(PACKET) :])
-            elif segment.startswith(EXTENSION) and len(segment) > EXTENSION_HEADER + 4:
-                (offset,) = struct.unpack_from(">I", segment, EXTENSION_HEADER)
-                parts[offset] = segment[EXTENSION_HEADER + 4 :]
-    extension = b"".join(parts[offset] for offset in sorted(parts))
-    return [*standard, extension] if extension else standard
-
-
-def _app1_segments(file: BinaryIO) -> Iterator[bytes]:
-    """Yield the APP1 payloads before the image data; a file that isn't a JPEG has none."""
-    if file.read(2) != b"\xff\xd8":
-        return
-    while len(header := file.read(4)) == 4:
-        mark, marker, length = struct.unpack(">BBH", header)
-        if mark != 0xFF or marker == START_OF_SCAN or length < 2:
-            return
-        payload = file.read(length - 2)
-        if marker == APP1:
-            yield payload
+            elif segment.startswith(EXTENSION) and len(segment) > EXTENSION_HEADER:
+                (offset,) = struct.unpack_from(">I", segment, EXTENSION_HEADER - 4)
+                parts.setdefault(segment[GUID], {})[offset] = segment[EXTENSION_HEADER:]
+    named = [guid for guid in parts if any(guid in packet for packet in standard)]
+    return standard + [b"".join(parts[guid][offset] for offset in sorted(parts[guid])) for guid in named or parts]
 
 
 def _parse(packet: bytes, path: Path) -> Element | None:
@@ -80,7 +91,7 @@ def _parse(packet: bytes, path: Path) -> Element | None:
             where=str(path),
             cure="don't open this file with other programs; remove it from the folder",
         ) from error
-    except (ParseError, ValueError) as error:
+    except (ParseError, ValueError, LookupError) as error:
         raise InputError(
             f"its XMP metadata isn't valid XML ({error})",
             where=str(path),
@@ -89,16 +100,32 @@ def _parse(packet: bytes, path: Path) -> Element | None:
 
 
 def _properties(root: Element | None) -> Iterator[tuple[str, str]]:
-    if root is None:
-        return
-    for description in root.iter(RDF_DESCRIPTION):
-        for tag, value in description.attrib.items():
-            yield from _property(tag, value)
-        for child in description:
-            yield from _property(child.tag, child.text or "")
+    if root is not None:
+        for packet in root.iter(f"{RDF}RDF"):
+            # not deeper: a structure may hold a description, which belongs to the structure
+            for description in packet.iterfind(f"{RDF}Description"):
+                yield from _members(description, "")
 
 
-def _property(tag: str, value: str) -> Iterator[tuple[str, str]]:
+def _members(holder: Element, within: str) -> Iterator[tuple[str, str]]:
+    """Yield the properties written as attributes and as child elements of a description or structure."""
+    for tag, value in holder.attrib.items():
+        yield from _property(tag, value, within)
+    for child in holder:
+        structure = child.find(f"{RDF}Description")
+        holds = structure if structure is not None else child
+        if len(holds) or holds.attrib.keys() - {f"{RDF}parseType"}:
+            for name, _ in _property(child.tag, "-", within):
+                yield from _members(holds, f"{name}/")
+        yield from _property(child.tag, child.text or "", within)
+
+
+def _property(tag: str, value: str, within: str) -> Iterator[tuple[str, str]]:
     namespace, _, name = tag[1:].partition("}")
-    if name and value.strip() and any(maker in namespace.lower() for maker in MAKER_NAMESPACES):
-        yield name, value.strip()
+    if not name or not value.strip():
+        return
+    address = namespace.lower()
+    for part, prefix in NAMESPACES:
+        if part in address:
+            yield (f"{within}{name}" if within else f"{prefix}{name}"), value.strip()
+            return

@@ -13,7 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from slideframe.errors import InputError
-from slideframe_pose_rtk.metadata import PhotoRecord, read_record
+from slideframe_pose_rtk.metadata import PhotoRecord
+from slideframe_pose_rtk.reading import read_record
 from slideframe_pose_rtk.xmp import EXTENSION, xmp_packets
 
 PRINTED_DEGREES = 5e-10  # the expected values are printed to nine decimals
@@ -28,19 +29,23 @@ SAMPLES = [
         *(45.03159568, 7.62046587, 349.58),
         *("ellipsoidal", (106.8, -90.0, 0.0), "fixed"),
     ),
-    ("dji_phantom3_FC300S", 46.8426070833, -91.9945598889, 198.31, "unstated", (45.0, -89.9, 0.0), "none"),
-    ("dji_L1D-20c_mavic2pro_Test_Pro", 47.3541841, 10.1913155, 1252.12, "unstated", (-127.1, 1.0, 0.0), "none"),
-    ("dji_XT2_FLIR_negative_alt", 40.3775014444, -74.4899133611, -8.56, "unstated", (-78.8, -89.9, 0.0), "none"),
-    ("dji_ZH20T_gpsfusion", 40.5637811, -79.7649628, 221.404, "fused", (32.5, -10.5, 0.0), "none"),
+    ("dji_phantom3_FC300S", 46.8426070833, -91.9945598889, 198.31, "unknown", (45.0, -89.9, 0.0), "none"),
+    ("dji_L1D-20c_mavic2pro_Test_Pro", 47.3541841, 10.1913155, 1252.12, "unknown", (-127.1, 1.0, 0.0), "none"),
+    ("dji_XT2_FLIR_negative_alt", 40.3775014444, -74.4899133611, -8.56, "unknown", (-78.8, -89.9, 0.0), "none"),
+    ("dji_ZH20T_gpsfusion", 40.5637811, -79.7649628, 221.404, "unknown", (32.5, -10.5, 0.0), "none"),
     (
         "dji_mini4pro_FC8482_DJI_20251001213509_0003_D_LENS_CAP",
-        *(-8.30395, 115.48415, 1189.641, "unstated", None, "none"),
+        *(-8.30395, 115.48415, 1189.641, "unknown", None, "none"),
     ),
     (
         "dji_mini4pro_FC8482_DJI_20251001132715_0396_D_POOR_SHARPNESS",
-        *(-8.30396, 115.48416, None, "unstated", None, "none"),
+        *(-8.30396, 115.48416, None, "unknown", None, "none"),
     ),
-    ("parrot_sequoia_XMP-Camera", 49.1865473333, 1.6555131667, 162.7000001, "unstated", None, "none"),
+    (
+        "parrot_sequoia_XMP-Camera",
+        *(49.1865473333, 1.6555131667, 162.7000001, "orthometric"),
+        *((-168.784214, -76.754851, 1.650674), "none"),
+    ),
 ]
 
 
@@ -50,7 +55,8 @@ def test_real_cameras(shared: Path, name, latitude, longitude, height, datum, gi
     assert record.latitude == pytest.approx(latitude, abs=PRINTED_DEGREES)
     assert record.longitude == pytest.approx(longitude, abs=PRINTED_DEGREES)
     assert record.height == (None if height is None else pytest.approx(height, abs=1e-6))
-    assert (record.height_datum, record.gimbal, record.fix) == (datum, gimbal, fix)
+    assert (record.altitude_kind, record.fix) == (datum, fix)
+    assert record.gimbal == (None if gimbal is None else pytest.approx(gimbal, abs=1e-6))
 
 
 @pytest.mark.skipif(not shutil.which("exiftool"), reason="exiftool isn't installed")
@@ -66,7 +72,7 @@ def test_agrees_with_exiftool(shared: Path) -> None:
         assert record.focal_length_35mm == tag.get("FocalLengthIn35mmFormat")
         if "AbsoluteAltitude" in tag:
             assert record.height == float(tag["AbsoluteAltitude"])
-        if record.gimbal:
+        if "GimbalYawDegree" in tag:
             assert record.gimbal[0] == float(tag["GimbalYawDegree"])
 
 
@@ -135,7 +141,7 @@ def test_random_records_round_trip(
     assert record.gimbal == tuple(round(angle, 6) for angle in gimbal)
     assert record.rtk_sigma == tuple(round(value, 6) for value in sigma)
     assert record.fix == {0: "none", 16: "single", 34: "float", 49: "float", 50: "fixed"}[flag]
-    assert record.height_datum == ("ellipsoidal" if flag else "unstated")
+    assert record.altitude_kind == ("ellipsoidal" if flag else "unknown")
     assert (record.dewarp.focal_x, record.dewarp.center_y) == (round(dewarp[0], 6), round(dewarp[3], 6))
     assert record.dewarp.distortion == tuple(round(value, 6) for value in dewarp[4:])
 
@@ -148,7 +154,7 @@ def test_exif_alone(tmp_path: Path, exif_photograph: Callable[..., Path], latitu
         assert record.latitude == pytest.approx(latitude, abs=EXIF_DEGREES)
         assert record.longitude == pytest.approx(longitude, abs=EXIF_DEGREES)
     assert record.height == pytest.approx(altitude, abs=5.1e-4)
-    assert record.height_datum == "unstated"
+    assert record.altitude_kind == "unknown"
 
 
 def test_the_weight_follows_the_fix(photograph, drone_metadata, tmp_path: Path) -> None:
