@@ -11,7 +11,7 @@ from slideframe.coupling import Coupling, MovedSplats
 from slideframe.problem import View
 from slideframe.products import Camera, Filling, ParticleFrame, Picture, SplatCloud
 from slideframe.stages import Context
-from slideframe_gs_torch.rasterize import evaluate_harmonics, rasterize
+from slideframe_gs_torch.rasterize import rasterize
 
 
 def pictures(
@@ -43,20 +43,16 @@ def draw(
 ) -> UInt8Array:
     """Return the picture (height, width, 3) of moved splats, their harmonics turned with the ground."""
     with torch.no_grad():
-        centers = torch.from_numpy(moved.centers)
-        directions = centers - torch.tensor(world_from_camera[:, 3], dtype=torch.float32)
-        if moved.harmonics.shape[1] > 1:
-            # d^T R = (R^T d)^T
-            directions = (directions[:, None, :] @ torch.from_numpy(moved.frame_rotations))[:, 0]
         raster = rasterize(
-            centers,
+            torch.from_numpy(moved.centers),
             torch.from_numpy(moved.rotations),
             torch.from_numpy(moved.scales),
             torch.from_numpy(moved.opacities),
-            evaluate_harmonics(torch.from_numpy(moved.harmonics), directions),
+            torch.from_numpy(moved.harmonics),
             camera=camera,
             world_from_camera=world_from_camera,
             background=background,
+            frame_rotations=moved.frame_rotations if moved.harmonics.shape[1] > 1 else None,
         )
         levels = raster.colour.clamp(0, 1).mul(255).round().to(torch.uint8)
     return np.ascontiguousarray(levels.numpy())
