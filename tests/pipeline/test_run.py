@@ -144,6 +144,23 @@ def test_a_changed_option_recomputes_from_its_stage_on(workplace):
     assert workplace.calls == ["standin_renderer"]
 
 
+def test_a_changed_file_that_an_option_names_is_noticed(workplace):
+    notes = workplace.folder / "elsewhere" / "notes.txt"
+    notes.parent.mkdir()
+    notes.write_text("one")
+    config = workplace.folder / "elsewhere" / "case.toml"
+    text = CONFIG.replace('"photographs"', '"../photographs"')
+    config.write_text(text + '[plugins.standin_splats]\nnotes = "notes.txt"\n')
+    command = ("run", "elsewhere/case.toml", "--until", "reconstructor")
+    assert workplace.slideframe(*command).returncode == 0
+    assert workplace.calls == ["standin_poses", "standin_splats"]
+    workplace.slideframe(*command)
+    assert workplace.calls == []
+    notes.write_text("two")
+    workplace.slideframe(*command)
+    assert workplace.calls == ["standin_splats"]
+
+
 def test_the_same_content_from_other_options_is_not_worked_on_again(workplace):
     workplace.run()
     workplace.run("--plugins.standin-solver.seconds", "0.001")

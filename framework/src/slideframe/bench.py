@@ -4,7 +4,10 @@ import logging
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar, cast
+
+from pydantic import BaseModel
 
 from slideframe import __version__
 from slideframe.arrays import Product
@@ -120,10 +123,10 @@ class Bench:
         if any(isinstance(item, Keyed) and not item.entry.is_whole for item in inputs):
             return None
         listing = self.listings[stage.name]
-        files = []
+        files = [path for item in (stage, *inputs) if isinstance(item, BaseModel) for path in _named_files(item)]
         if isinstance(stage, PoseSource):
             site = next(item for item in inputs if isinstance(item, Site))
-            files = [[str(path), digest_file(path)] for path in stage.input_files(site)]
+            files.extend(stage.input_files(site))
         return {
             "plugin": [listing.distribution, listing.name, listing.version],
             "framework": __version__,
@@ -131,7 +134,7 @@ class Bench:
             "inputs": [
                 item.entry.content if isinstance(item, Keyed) else item.model_dump(mode="json") for item in inputs
             ],
-            "files": files,
+            "files": [[str(path), digest_file(path)] for path in files],
             "seed": self.seed,
         }
 
@@ -204,6 +207,23 @@ class Bench:
             where=f"stage {stage.kind}",
             cure="see docs/writing_a_plugin.md",
         )
+
+
+def _named_files(value: object) -> Iterator[Path]:
+    """Give every file that options or a problem name, those of a named folder included.
+
+    A site's photographs are left to its pose source, which knows which of them it reads.
+    """
+    if isinstance(value, BaseModel) and not isinstance(value, Site):
+        for name in type(value).model_fields:
+            yield from _named_files(getattr(value, name))
+    elif isinstance(value, Mapping):
+        yield from _named_files(tuple(value.values()))
+    elif isinstance(value, tuple | list):
+        for item in value:
+            yield from _named_files(item)
+    elif isinstance(value, Path):
+        yield from sorted(path for path in value.rglob("*") if path.is_file()) if value.is_dir() else [value]
 
 
 def _expected_items(inputs: tuple[Keyed[Any] | ProblemModel, ...]) -> int:

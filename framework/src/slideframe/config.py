@@ -3,13 +3,15 @@
 import difflib
 import tomllib
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 import tomli_w
 from pydantic import BaseModel, Field, ValidationError
 
-from slideframe.errors import ConfigurationError
+from slideframe import registry
+from slideframe.errors import ConfigurationError, PluginConflict, PluginError, PluginNotFound
 from slideframe.problem import (
     Boundary,
     FillingProblem,
@@ -79,7 +81,7 @@ class RunConfig(ProblemModel):
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read a config file; a relative `site.photographs` is meant from the file's folder.
+    """Read a config file; relative paths in it are meant from the file's folder, those of plugins' options too.
 
     Raises:
         ConfigurationError: the file is absent or not TOML.
@@ -94,10 +96,28 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ConfigurationError(
             f"the config is not TOML: {error}", where=str(path), cure="mend the line it names"
         ) from error
-    photographs = content.get("site", {}).get("photographs") if isinstance(content.get("site"), dict) else None
-    if isinstance(photographs, str):
-        content["site"]["photographs"] = str((path.parent / Path(photographs).expanduser()).resolve())
+    _resolve_paths(content, [RunConfig], path.parent)
+    for name, table in content.get("plugins", {}).items() if isinstance(content.get("plugins"), dict) else ():
+        with suppress(PluginError, PluginConflict, PluginNotFound):  # told when the crew is assembled
+            _resolve_paths(table, [registry.load([name])[name]], path.parent)
     return content
+
+
+def _resolve_paths(table: object, models: list[type[BaseModel]], folder: Path) -> None:
+    """Make the relative paths in a table of raw content absolute; `models` are what the table may stand for."""
+    if not isinstance(table, dict):
+        return
+    for key, value in table.items():
+        annotations = [model.model_fields[key].annotation for model in models if key in model.model_fields]
+        if isinstance(value, str) and any(_admits_path(annotation) for annotation in annotations):
+            table[key] = str((folder / Path(value).expanduser()).resolve())
+        inner = [model for annotation in annotations for model in models_of(annotation)]
+        for item in value if isinstance(value, list) else [value]:
+            _resolve_paths(item, inner, folder)
+
+
+def _admits_path(annotation: Any) -> bool:
+    return annotation is Path or any(map(_admits_path, get_args(annotation)))
 
 
 def write_toml(config: RunConfig, path: Path) -> None:

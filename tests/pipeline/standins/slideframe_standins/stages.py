@@ -80,6 +80,7 @@ class StandinSplats(Reconstructor):
     seconds: float = Field(default=0.0, ge=0, description="seconds each step takes")
     size: float = Field(default=0.2, gt=0, description="m")
     give_nan: bool = False
+    notes: Path | None = Field(default=None, description="a file that the splats depend on")
 
     def reconstruct(self, survey: Survey, context: Context) -> SplatCloud:
         count_call(self.name)
