@@ -90,12 +90,12 @@ def _check_inside(filling: Filling, simulation: Simulation) -> None:
 
 
 def start_frame(filling: Filling) -> ParticleFrame:
-    """Return the frame at t = 0: the filling's own positions, at rest."""
+    """Return the frame at t = 0: the filling's own positions and velocities."""
     count = len(filling.particle_positions)
     return ParticleFrame(
         time=0.0,
         positions=filling.particle_positions.copy(),
-        velocities=np.zeros((count, 3), np.float32),
+        velocities=filling.start_velocities().copy(),
         deformation_gradients=np.tile(np.eye(3, dtype=np.float32), (count, 1, 1)),
     )
 

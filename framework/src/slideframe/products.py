@@ -120,6 +120,7 @@ class Filling(Product):
     box stand. The terrain is the ground that remains once the soil is taken out, the base below it
     included, its triangles counter-clockwise seen from the air; `scar` are splats that stay on that base
     and show it once it is bare. A filler that knows neither leaves them empty.
+    `particle_velocities` are those at t = 0; empty, as every filler leaves them, means at rest.
     """
 
     bounds: Annotated[Float64Array, Array((2, 3), "float64", "m")]
@@ -132,6 +133,9 @@ class Filling(Product):
     surface_vertices: Annotated[Float32Array, Array(("vertex", 3), "float32", "m")]
     surface_triangles: Annotated[Int32Array, Array(("triangle", 3), "int32", "index")]
     surface_support: Annotated[UInt8Array, Array(("vertex",), "uint8", "class")]
+    particle_velocities: Annotated[Float32Array, Array(("moving_particle", 3), "float32", "m/s")] = Field(
+        default_factory=lambda: np.zeros((0, 3), np.float32)
+    )
     terrain_vertices: Annotated[Float32Array, Array(("terrain_vertex", 3), "float32", "m")] = Field(
         default_factory=lambda: np.zeros((0, 3), np.float32)
     )
@@ -150,6 +154,19 @@ class Filling(Product):
             if carriers.size and (carriers.max() >= particle_count or carriers.min() < -1):
                 raise ValueError(f"{name} names a particle that does not exist (there are {particle_count})")
         return self
+
+    @model_validator(mode="after")
+    def _all_move_or_none(self) -> "Filling":
+        if len(self.particle_velocities) not in (0, len(self.particle_positions)):
+            raise ValueError(
+                f"{len(self.particle_velocities)} particle_velocities for {len(self.particle_positions)} particles: "
+                "give one for each, or none for a mass at rest"
+            )
+        return self
+
+    def start_velocities(self) -> Float32Array:
+        """Return the velocity of every particle at t = 0, (particle, 3), m/s."""
+        return self.particle_velocities if len(self.particle_velocities) else np.zeros_like(self.particle_positions)
 
     @model_validator(mode="after")
     def _bounds_in_order(self) -> "Filling":

@@ -13,7 +13,7 @@ def test_transfer_conserves_mass_and_both_momenta():
     random = np.random.default_rng(1)
     filling, problem = block_filling((1, 0.25, 0.5), (2, 0.75, 1)), sand_problem()
     grid = problem.grid(filling)
-    state = Particles.at_rest(filling, 2000)
+    state = Particles.at_start(filling, 2000)
     state.velocities = random.standard_normal(state.velocities.shape)
     state.velocity_gradients = random.standard_normal(state.velocity_gradients.shape)
     momentum, mass = particles_to_grid(state, Stencil.around(state.positions, grid), problem.material, grid, 1e-3)

@@ -37,6 +37,12 @@ class TooHeavy(Altered):
         return problem.model_copy(update={"simulation": problem.simulation.model_copy(update={"gravity": gravity})})
 
 
+class IgnoresStart(Altered):
+    def solve(self, filling, problem, context):
+        still = filling.model_copy(update={"particle_velocities": np.zeros((0, 3), np.float32)})
+        yield from super().solve(still, problem, context)
+
+
 class Frictionless(Altered):
     def problem(self, problem):
         return problem.model_copy(update={"material": problem.material.model_copy(update={"friction_angle": 0.5})})
@@ -100,6 +106,7 @@ class NeverEscapes(Altered):
     ("faulty", "check"),
     [
         (TooHeavy, "free_fall_is_a_parabola"),
+        (IgnoresStart, "start_velocities_are_kept"),
         (Frictionless, "sand_collapses_as_the_reference"),
         (TooStiff, "column_settles_as_theory"),
         (IgnoresWalls, "walls_differ"),

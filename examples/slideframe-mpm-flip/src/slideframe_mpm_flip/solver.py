@@ -27,7 +27,7 @@ class FlipSolver(Solver):
         """Yield the motion."""
         grid = check_start(filling, problem)
         time_step, substeps = problem.time_step(grid)
-        state = Particles.at_rest(filling, problem.material.density)
+        state = Particles.at_start(filling, problem.material.density)
         simulation = problem.simulation
         pace = Pace(context, simulation.frame_count, len(state.masses), float(state.masses.sum()), time_step)
         yield start_frame(filling)

@@ -35,7 +35,7 @@ class ReferenceSolver(Solver):
         particle_count = len(filling.particle_positions)
         check_memory(particle_count * BYTES_PER_PARTICLE + grid.node_count * BYTES_PER_NODE, grid, particle_count)
         time_step, substeps = problem.time_step(grid)
-        state = Particles.at_rest(filling, problem.material.density)
+        state = Particles.at_start(filling, problem.material.density)
         simulation = problem.simulation
         pace = Pace(context, simulation.frame_count, particle_count, float(state.masses.sum()), time_step)
         yield start_frame(filling)
@@ -77,13 +77,13 @@ class Particles:
     held: npt.NDArray[np.bool_]
 
     @classmethod
-    def at_rest(cls, filling: Filling, density: float) -> "Particles":
-        """Return unstressed particles without motion."""
+    def at_start(cls, filling: Filling, density: float) -> "Particles":
+        """Return unstressed particles with the filling's velocities."""
         count = len(filling.particle_positions)
         volumes = filling.particle_volumes.astype(np.float64)
         return cls(
             positions=filling.particle_positions.astype(np.float64),
-            velocities=np.zeros((count, 3)),
+            velocities=filling.start_velocities().astype(np.float64),
             velocity_gradients=np.zeros((count, 3, 3)),
             elastic=np.tile(np.eye(3), (count, 1, 1)),
             volume_corrections=np.zeros(count),

@@ -39,6 +39,18 @@ def check_first_frame_is_the_start(stage: Solver, scratch: Path) -> None:
     assert (first.deformation_gradients == np.eye(3)).all(), "the first frame is already deformed"
 
 
+def check_start_velocities_are_kept(stage: Solver, scratch: Path) -> None:
+    """A block that the filling sends off flies on as it was sent, without gravity."""
+    block = block_filling((1.5, 0.75, 1.0), (2.5, 1.25, 1.5), size=(4.0, 2.0))
+    velocity = np.array([1.0, -0.25, 0.5], np.float32)
+    filling = block.model_copy(update={"particle_velocities": np.tile(velocity, (len(block.particle_positions), 1))})
+    frames = _solve(stage, filling, sand_problem(gravity=(0.0, 0.0, 0.0)), scratch)
+    assert np.array_equal(frames[0].velocities, filling.particle_velocities), "the first frame has other velocities"
+    flown = _displacement(frames)
+    expected = velocity * frames[-1].time
+    assert np.abs(flown - expected).max() <= 10 * ROUNDING, f"the block flew {flown} m, not {expected} m"
+
+
 def check_frames_are_on_time(stage: Solver, scratch: Path) -> None:
     """There is a frame at every output time, exactly, and none else."""
     # 30 frames a second and 0.3 s: neither is a sum of whole substeps in binary

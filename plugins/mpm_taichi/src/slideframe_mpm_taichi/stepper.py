@@ -57,7 +57,7 @@ class Stepper:
         start = {
             "positions": (vector, cells),
             "residuals": (vector, np.zeros((self.count, 3))),
-            "velocities": (vector, np.zeros((self.count, 3))),
+            "velocities": (vector, filling.start_velocities()),
             "affines": (matrix, np.zeros((self.count, 3, 3))),
             "elastic_states": (ti.types.vector(6, real), np.zeros((self.count, 6))),
             "volume_corrections": (real, np.zeros(self.count)),

@@ -25,7 +25,7 @@ class Stepper:
     """One simulation on one device; a value of `filling` and `problem` until `substep` is called."""
 
     def __init__(self, filling: Filling, problem: SimulationProblem, grid: Grid, device: str) -> None:
-        """Lay out particles at rest, without stress."""
+        """Lay out the particles at t = 0, without stress."""
         precision = problem.simulation.precision
         self.grid = grid
         self.device = device
@@ -44,7 +44,7 @@ class Stepper:
         with wp.ScopedDevice(self.device):
             self.positions: Any = wp.array(cells.astype(real), dtype=kernels.Vector)
             self.residuals: Any = wp.zeros(count, dtype=kernels.Vector)
-            self.velocities: Any = wp.zeros(count, dtype=kernels.Vector)
+            self.velocities: Any = wp.array(filling.start_velocities().astype(real), dtype=kernels.Vector)
             self.affines: Any = wp.zeros(count, dtype=kernels.Matrix)
             self.elastic_states: Any = wp.zeros(count, dtype=kernels.Vector6)
             self.volume_corrections: Any = wp.zeros(count, dtype=kernels.Real)
