@@ -3,8 +3,8 @@
 import numpy as np
 
 from slideframe.arrays import Float64Array
+from slideframe.harmonics import basis
 from slideframe.products import Camera, SplatCloud
-from slideframe.testing.harmonics import basis
 
 NEAR = 0.5
 # Blur that keeps a splat at least a pixel wide, px^2 (Kerbl et al. 2023).
