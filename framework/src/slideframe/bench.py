@@ -150,6 +150,7 @@ class Bench:
         context = Context(
             device=device,
             scratch=entry.scratch,
+            cache=self.store.cache(stage.name),
             seed=self.seed,
             on_progress=lambda done, total, figures: self.watcher.progress(stage, done, total, figures),
         )

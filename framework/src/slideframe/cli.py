@@ -12,6 +12,7 @@ INTERRUPTED = 130
 
 COMMANDS = {
     "run": "carry photographs to a moving picture of the slope's failure",
+    "survey": "locate the cameras and tell whether to fly again",
     "plugins": "list installed plugins without importing them",
     "check": "import one plugin and check its contract and its backend",
     "schema": "print a JSON Schema of the config for the installed plugins",

@@ -6,12 +6,16 @@ upper-left pixel, as in COLMAP. Quaternions are (w, x, y, z), of unit length.
 """
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from slideframe.arrays import Array, Float32Array, Float64Array, Int32Array, Product, UInt8Array
+
+Triple = tuple[float, float, float]
+PositionFix = Literal["fixed", "float", "single", "none"]
+PictureFault = Literal["blurred", "covered"]
 
 
 class _Record(BaseModel):
@@ -39,11 +43,15 @@ class Camera(_Record):
 
 
 class Photograph(_Record):
-    """One image file, the camera that took it, and the digest of its bytes."""
+    """One image file, the camera that took it, the digest of its bytes, and what is known of its quality."""
 
     path: Path
     camera: int = Field(ge=0, description="index into Survey.cameras")
     sha256: str
+    fix: PositionFix | None = Field(default=None, description="kind of the satellite position, where it is stated")
+    stated_position: Triple | None = Field(default=None, description="the camera's place as its metadata has it, m")
+    sharpness: float | None = Field(default=None, description="fine over coarse detail, see slideframe.quality")
+    fault: PictureFault | None = Field(default=None, description="why its pixels are of little use")
 
     @property
     def name(self) -> str:
@@ -51,8 +59,37 @@ class Photograph(_Record):
         return self.path.name
 
 
+class LeftOut(_Record):
+    """A photograph that the survey does without, and why."""
+
+    path: Path
+    reason: str
+    fix: PositionFix | None = None
+    stated_position: Triple | None = Field(default=None, description="m")
+    fault: PictureFault | None = None
+
+    @property
+    def name(self) -> str:
+        """The file's name without its folder."""
+        return self.path.name
+
+
+class GroundPoint(_Record):
+    """A surveyed point: control has shaped the survey, a check has only been compared with it."""
+
+    name: str
+    role: Literal["control", "check"]
+    position: Triple = Field(description="as surveyed, m")
+    residual: Triple | None = Field(default=None, description="as the photographs see it minus as surveyed, m")
+    reprojection_error: float | None = Field(default=None, description="rms over its sightings, px")
+    sightings: int = Field(default=0, ge=0, description="photographs that it was marked in and that have a pose")
+
+
 class Survey(Product):
-    """Georeferenced photographs, their cameras, and the sparse points they share."""
+    """Georeferenced photographs, their cameras, and the sparse points they share.
+
+    `left_out` and `ground_points` are for the survey's appraisal; later stages do without.
+    """
 
     georeference: Georeference
     cameras: tuple[Camera, ...]
@@ -62,6 +99,8 @@ class Survey(Product):
     sparse_points: Annotated[Float32Array, Array(("point", 3), "float32", "m")]
     sparse_colors: Annotated[UInt8Array, Array(("point", 3), "uint8", "sRGB")]
     sparse_errors: Annotated[Float32Array, Array(("point",), "float32", "px")]
+    left_out: tuple[LeftOut, ...] = ()
+    ground_points: tuple[GroundPoint, ...] = ()
 
     @model_validator(mode="after")
     def _photographs_fit(self) -> "Survey":

@@ -5,7 +5,7 @@ sorts splats per entity. What is drawn is thinned to a budget; the store keeps e
 """
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,6 +33,7 @@ MOTION_BUDGET_BYTES = 150_000_000
 DRAWN_SPLATS = 300_000
 PHOTOGRAPH_WIDTH = 480
 DRAWN_PHOTOGRAPHS = 120
+SURVEY_MAPS = ("cameras", "overlap", "angles", "distances", "residuals")
 # zeroth real spherical harmonic, 1 / (2 sqrt(pi))
 HARMONIC_0 = 0.28209479177387814
 OBSERVED_COLOR = (90, 170, 120)
@@ -50,12 +51,12 @@ class Eye(NamedTuple):
 class Recording:
     """One .rrd file being written; it appears under its name when closed."""
 
-    def __init__(self, path: Path, name: str, eye: Eye | None = None) -> None:
+    def __init__(self, path: Path, name: str, eye: Eye | None = None, *, active_tab: int = 0) -> None:
         """Open the file beside its final place, blueprint first; `eye` is where the 3-D views look from."""
         self._path = path
         self._partial = path.with_name(path.name + ".partial")
         self.stream = rr.RecordingStream(APPLICATION, recording_id=name)
-        self.stream.save(self._partial, default_blueprint=blueprint(eye))
+        self.stream.save(self._partial, default_blueprint=blueprint(eye, active_tab))
         self.stream.send_recording_name(name)
         self.stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
 
@@ -73,7 +74,7 @@ class Recording:
         self._partial.rename(self._path)
 
 
-def blueprint(eye: Eye | None) -> rrb.Blueprint:
+def blueprint(eye: Eye | None, active_tab: int = 0) -> rrb.Blueprint:
     """Lay out the scan, the volume, the motion, the film, the plots and the report."""
     controls = rrb.EyeControls3D(position=eye.position, look_target=eye.target, eye_up=(0, 0, 1)) if eye else None
     return rrb.Blueprint(
@@ -89,7 +90,14 @@ def blueprint(eye: Eye | None) -> rrb.Blueprint:
                 name="Motion",
             ),
             rrb.Spatial3DView(
-                origin="/", contents=["/survey/**", "/reconstruction/**"], name="Scan", eye_controls=controls
+                origin="/",
+                contents=["/survey/points", "/survey/cameras/**", "/reconstruction/**"],
+                name="Scan",
+                eye_controls=controls,
+            ),
+            rrb.Grid(
+                *(rrb.Spatial2DView(origin=f"/survey/maps/{name}", name=name.capitalize()) for name in SURVEY_MAPS),
+                name="Survey",
             ),
             rrb.Spatial3DView(origin="/", contents=["/volume/**"], name="Volume", eye_controls=controls),
             rrb.Spatial3DView(origin="/", contents=["/motion/particles"], name="Particles", eye_controls=controls),
@@ -98,7 +106,7 @@ def blueprint(eye: Eye | None) -> rrb.Blueprint:
                 rrb.TextDocumentView(origin="/report/config", name="Configuration"),
                 name="Report",
             ),
-            active_tab=0,
+            active_tab=active_tab,
         ),
         rrb.TimePanel(timeline="sim_time", play_state="paused", state="collapsed"),
         collapse_panels=True,
@@ -124,6 +132,16 @@ def log_survey(stream: rr.RecordingStream, survey: Survey) -> None:
             ),
             rr.EncodedImage(contents=_jpeg(pixels), media_type="image/jpeg"),
             static=True,
+        )
+
+
+def log_survey_maps(stream: rr.RecordingStream, maps: Mapping[str, Image.Image]) -> None:
+    """Log the maps of the survey's quality, by name."""
+    for name, picture in maps.items():
+        buffer = io.BytesIO()
+        picture.save(buffer, "PNG")
+        stream.log(
+            f"survey/maps/{name}", rr.EncodedImage(contents=buffer.getvalue(), media_type="image/png"), static=True
         )
 
 

@@ -5,6 +5,7 @@ result.json     each stage's figures under its kind
 log.jsonl       everything that was logged
 film.mp4        H.264, plays in real time
 recording.rrd   every product, for the rerun viewer
+survey.html     the survey's quality, with maps
 splats.ply      the reconstruction, in the layout that splat viewers read
 cameras/        COLMAP text model
 particles/      -> the solver's frames in the store, one folder of .npy files each
@@ -25,14 +26,24 @@ import numpy as np
 
 from slideframe.bench import Bench
 from slideframe.config import RunConfig, write_toml
-from slideframe.errors import InputError, StoreError
+from slideframe.errors import StoreError
 from slideframe.motion import measure
 from slideframe.stages import StageKind
 from slideframe.store import storing
-
-_log = logging.getLogger("slideframe")
+from slideframe.survey_folder import (
+    CAMERAS,
+    REPORT,
+    appraise_survey,
+    survey_result,
+    write_cameras,
+    write_report,
+    write_result,
+)
 
 if TYPE_CHECKING:
+    from PIL import Image
+
+    from slideframe.quality.appraisal import Appraisal
     from slideframe.record import Eye
 
 RESULT, CONFIG, LOG, FILM, RECORDING = "result.json", "run.toml", "log.jsonl", "film.mp4", "recording.rrd"
@@ -84,33 +95,37 @@ class RunFolder:
     ) -> None:
         """Write everything that the results at hand allow; `result.json` last."""
         with storing(self.folder):
-            for name in (RESULT, RECORDING, FILM, "splats.ply", "particles"):  # nothing of another result stays
+            for name in (RESULT, RECORDING, FILM, REPORT, "splats.ply", "particles"):  # nothing of another result stays
                 (self.folder / name).unlink(missing_ok=True)
-            shutil.rmtree(self.folder / "cameras", ignore_errors=True)
+            shutil.rmtree(self.folder / CAMERAS, ignore_errors=True)
         left_out = self._exchange_files(bench)
         if film and "renderer" in bench.results:
             self._film(config, bench, progress)
-        result = self._result(config, bench)
+        appraisal, maps = self._survey_report(config, bench)
+        result = self._result(config, bench, appraisal)
         result["outputs"] = {"left_out": left_out}
-        result["outputs"]["thinned_in_recording"] = self._recording(config, bench, result, progress)
-        with storing(self.folder):
-            partial = self.folder / f"{RESULT}.partial"
-            partial.write_text(json.dumps(result, indent=1, allow_nan=False), encoding="utf-8")
-            partial.rename(self.folder / RESULT)
+        result["outputs"]["thinned_in_recording"] = self._recording(config, bench, result, maps, progress)
+        write_result(self.folder / RESULT, result)
+
+    def _survey_report(self, config: RunConfig, bench: Bench) -> "tuple[Appraisal | None, dict[str, Image.Image]]":
+        if "pose_source" not in bench.results:
+            return None, {}
+        from slideframe.quality.drawing import draw_maps
+
+        keyed = bench.results["pose_source"]
+        appraisal = appraise_survey(keyed, config.region)
+        maps = draw_maps(appraisal)
+        write_report(self.folder, self.folder.name, keyed, appraisal, maps)
+        return appraisal, maps
 
     def _exchange_files(self, bench: Bench) -> list[str]:
         """Write other programs' formats; return why one was left out, where its format can't hold the survey."""
-        from slideframe.formats.colmap import write_colmap_text
         from slideframe.formats.splat_ply import write_splat_ply
 
         left_out = []
         with storing(self.folder):
             if "pose_source" in bench.results:
-                try:
-                    write_colmap_text(bench.results["pose_source"].value, self.folder / "cameras")
-                except InputError as error:
-                    left_out.append(f"cameras/: {error.what}")
-                    _log.warning("cameras/ is left out: %s", error)
+                left_out = write_cameras(bench.results["pose_source"].value, self.folder)
             if "reconstructor" in bench.results:
                 write_splat_ply(bench.results["reconstructor"].value, self.folder / "splats.ply")
             if "solver" in bench.results:
@@ -131,7 +146,12 @@ class RunFolder:
         write_mp4(counted(), self.folder / FILM, config.simulation.frame_rate)
 
     def _recording(
-        self, config: RunConfig, bench: Bench, result: Mapping[str, Any], progress: Callable[[str, float, float], None]
+        self,
+        config: RunConfig,
+        bench: Bench,
+        result: Mapping[str, Any],
+        maps: "Mapping[str, Image.Image]",
+        progress: Callable[[str, float, float], None],
     ) -> list[str]:
         from slideframe import record
 
@@ -142,6 +162,7 @@ class RunFolder:
             recording = record.Recording(self.folder / RECORDING, self.folder.name, self._eye(config, values))
             if "pose_source" in values:
                 record.log_survey(recording.stream, values["pose_source"])
+                record.log_survey_maps(recording.stream, maps)
             if "reconstructor" in values:
                 record.log_splats(recording.stream, values["reconstructor"])
             if "volume_filler" in values:
@@ -173,9 +194,12 @@ class RunFolder:
         _, pose = config.view.camera(0.0, bounds)
         return Eye(tuple(pose[:, 3]), tuple(bounds.mean(axis=0)))
 
-    def _result(self, config: RunConfig, bench: Bench) -> dict[str, Any]:
+    def _result(self, config: RunConfig, bench: Bench, appraisal: "Appraisal | None") -> dict[str, Any]:
         result: dict[str, Any] = {"keys": _keys(bench)}
         for kind, keyed in bench.results.items():
+            if kind == "pose_source" and appraisal:
+                result[kind] = survey_result(keyed, appraisal, kind in bench.computed)
+                continue
             manifest = keyed.entry.manifest
             distribution, plugin, version = manifest["made_from"]["plugin"]
             result[kind] = {

@@ -32,6 +32,8 @@ class Context:
         device: where to compute.
         scratch: a folder of the stage's own. It survives a killed run and is empty or as the same stage,
             with the same options and inputs, left it; it is removed once the product is whole.
+        cache: a folder of the plugin's own that outlives results and is shared by runs; what lies there is named by
+            all that decides it and written whole, and may be deleted at any time. None: nothing is kept.
         seed: seed of every random choice.
         figures: measured results by name, units in the name, such as `held_out_psnr_db`.
         warnings: statements that the user must see beside the result.
@@ -39,6 +41,7 @@ class Context:
 
     device: Device
     scratch: Path
+    cache: Path | None = None
     seed: int = 0
     on_progress: Callable[[float, float, dict[str, float]], None] = _ignore_progress
     figures: dict[str, FigureValue] = field(default_factory=dict)

@@ -3,6 +3,7 @@
 store/<kind>-<key>/           manifest.json, and a product's arrays or a stream's numbered items
 store/<kind>-<key>.partial/   being written; renamed when whole, thrown away when found
 store/<kind>-<key>.scratch/   the computing stage's own folder; gone when its product is whole
+store/cache/<plugin>/         what a plugin keeps under names of its own for other results; may be deleted at any time
 """
 
 import errno
@@ -196,6 +197,13 @@ class Store:
             probe = self.folder / f".probe-{os.getpid()}"
             probe.write_bytes(b"probe")
             probe.unlink()
+
+    def cache(self, plugin: str) -> Path:
+        """Return the folder where a plugin keeps what other results of its may use again, made if absent."""
+        folder = self.folder / "cache" / plugin
+        with storing(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+        return folder
 
     def entry(self, kind: str, key: str) -> Entry:
         """Return the place of a result, there or not."""

@@ -36,9 +36,15 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "survey"
 
 
-def locate(photographs: Path, scratch: Path, source: RtkPoses | None = None) -> tuple[Survey, Context]:
+def stop(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def locate(
+    photographs: Path, scratch: Path, source: RtkPoses | None = None, cache: Path | None = None
+) -> tuple[Survey, Context]:
     scratch.mkdir(exist_ok=True)
-    context = Context(device=Device(), scratch=scratch)
+    context = Context(device=Device(), scratch=scratch, cache=cache)
     site = Site(photographs=photographs)
     source = source or RtkPoses()
     source.preflight(site, context.device)
@@ -62,7 +68,7 @@ def source(demo: Path) -> RtkPoses:
 
 @pytest.fixture(scope="module")
 def refined(demo: Path, source: RtkPoses, tmp_path_factory: pytest.TempPathFactory) -> tuple[Survey, Context]:
-    return locate(demo / "photographs", tmp_path_factory.mktemp("refined"), source)
+    return locate(demo / "photographs", tmp_path_factory.mktemp("refined"), source, demo / "cache")
 
 
 def test_cameras_are_where_they_were(demo: Path, refined: tuple[Survey, Context]) -> None:
@@ -103,9 +109,6 @@ def test_an_interrupted_run_ends_with_the_same_bits(
 ) -> None:
     from slideframe_pose_rtk import solution
 
-    def stop(*_: object) -> int:
-        raise KeyboardInterrupt
-
     with monkeypatch.context() as patch:
         patch.setattr(solution, "match_photographs", stop)
         with pytest.raises(KeyboardInterrupt):
@@ -115,7 +118,7 @@ def test_an_interrupted_run_ends_with_the_same_bits(
 
 def test_the_papers_way_keeps_metadata_and_still_finds_points(demo: Path, source: RtkPoses, tmp_path: Path) -> None:
     paper = source.model_copy(update={"refine": False})
-    survey, context = locate(demo / "photographs", tmp_path / "scratch", paper)
+    survey, context = locate(demo / "photographs", tmp_path / "scratch", paper, demo / "cache")
     true = truth(demo, survey)
     assert angle_between(survey.world_from_camera[:, :, :3], true[:, :, :3]).max() < METADATA_ANGLE
     assert np.abs(survey.world_from_camera[:, :, 3] - true[:, :, 3]).max() < 0.1, "as good as RTK, no better"
@@ -138,7 +141,7 @@ def test_photographs_with_faults_are_placed_or_named(demo: Path, source: RtkPose
     cut.write_bytes(cut.read_bytes()[: len(cut.read_bytes()) // 2])
     with Image.open(dark) as picture:
         Image.new("RGB", picture.size).save(dark, exif=picture.getexif(), xmp=picture.info["xmp"])
-    survey, context = locate(folder, tmp_path / "scratch", source)
+    survey, context = locate(folder, tmp_path / "scratch", source, demo / "cache")
     left = {photograph.name for photograph in survey.photographs}
     assert {path.name for path in paths} - left == {cut.name, dark.name}
     assert angle_between(survey.world_from_camera[:, :, :3], truth(demo, survey)[:, :, :3]).max() < 3 * TRUE_ANGLE
@@ -177,3 +180,44 @@ def test_a_real_flight(shared: Path, tmp_path: Path) -> None:
     assert context.figures["rtk_fixed_share"] == 1.0
     assert not context.figures["focal_length_free"]
     assert survey.cameras[0].focal_x == pytest.approx(1973.0899658), "as DewarpData has it"
+
+
+def test_added_photographs_are_the_only_ones_computed(
+    demo: Path,
+    source: RtkPoses,
+    refined: tuple[Survey, Context],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from slideframe_pose_rtk import features, matching, solution
+
+    calls = {"photographs": 0, "pairs": 0}
+
+    def count(module: object, name: str, key: str) -> None:
+        original = getattr(module, name)
+
+        def counted(*given: object) -> object:
+            calls[key] += 1
+            return original(*given)
+
+        monkeypatch.setattr(module, name, counted)
+
+    count(features, "_extract", "photographs")
+    count(matching, "_match_pair", "pairs")
+    paths = sorted((demo / "photographs").iterdir())
+    folder = tmp_path / "photographs"
+    folder.mkdir()
+    for path in paths[:-1]:
+        shutil.copy(path, folder)
+    with monkeypatch.context() as patch:  # features and matches alone
+        patch.setattr(solution, "triangulate", stop)
+        with pytest.raises(KeyboardInterrupt):
+            locate(folder, tmp_path / "first", source, tmp_path / "cache")
+    assert calls["photographs"] == PHOTOGRAPHS - 1
+    pairs = calls["pairs"]
+    shutil.copy(paths[-1], folder)
+    grown, _ = locate(folder, tmp_path / "second", source, tmp_path / "cache")
+    assert calls["photographs"] == PHOTOGRAPHS
+    assert calls["pairs"] - pairs < PHOTOGRAPHS, "only those with the new photograph"
+    assert np.array_equal(grown.world_from_camera, refined[0].world_from_camera), "the cache changes nothing"
+    assert np.array_equal(grown.sparse_points, refined[0].sparse_points)

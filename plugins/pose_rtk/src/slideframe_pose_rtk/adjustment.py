@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slideframe.arrays import Float64Array
-from slideframe_pose_rtk.features import image_and_frame, rig_of
+from slideframe_pose_rtk.database import image_and_frame, rig_of
 from slideframe_pose_rtk.flight import Flight
 
 if TYPE_CHECKING:

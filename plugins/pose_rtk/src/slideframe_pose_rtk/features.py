@@ -1,103 +1,147 @@
-"""SIFT features of every photograph, kept in a COLMAP database, so that a resumed run goes on where it stopped."""
+"""SIFT features of every photograph, each kept under its content, so that they are found once and never again."""
 
+import os
+import zipfile
+from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from PIL import Image
 
+from slideframe.arrays import Float32Array, UInt8Array
 from slideframe.errors import InputError
+from slideframe.quality.pictures import PictureQuality, inspect_picture
 from slideframe.stages import Context
-from slideframe_pose_rtk.flight import Flight
+from slideframe.store import digest, storing
 
 if TYPE_CHECKING:
     import pycolmap
 
+FORMAT = 1  # raised whenever what follows finds other features for the same options
 
-def open_database(path: Path, flight: Flight, lenses: "list[pycolmap.Camera]") -> "pycolmap.Database":
-    """Open or create the database, in which photograph `i` is image, frame and pose `i + 1`."""
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """What one photograph shows.
+
+    Attributes:
+        key: digest of all that decides the rest: the file's bytes and the options.
+        keypoints: (feature, 4) column, row, scale, px of the full picture, and orientation, rad.
+        descriptors: (feature, 128).
+        quality: of the picture; None where it can't be decoded.
+    """
+
+    key: str
+    keypoints: Float32Array
+    descriptors: UInt8Array
+    quality: PictureQuality | None
+
+
+@dataclass(frozen=True)
+class FeatureOptions:
+    """What decides the features of given pixels."""
+
+    feature_limit: int
+    size_limit: int
+
+    def key_of(self, sha256: str) -> str:
+        """Return the key of the features of a file with that digest."""
+        return digest(["features", FORMAT, version("pycolmap"), self.feature_limit, self.size_limit, sha256])
+
+
+def find_features(
+    paths: list[Path], digests: list[str], options: FeatureOptions, shelf: Path, context: Context
+) -> list[Features]:
+    """Return the features of every photograph, from the shelf where they lie there; none where it can't be decoded."""
+    extractor = None
+    found = []
+    for index, (path, sha256) in enumerate(zip(paths, digests, strict=True)):
+        context.progress(index, len(paths))
+        key = options.key_of(sha256)
+        known = read_array_file(shelf / f"{key}.npz")
+        if known is None:
+            extractor = extractor or _extractor(options)
+            try:
+                known = _extract(extractor, path, options)
+            except InputError as error:
+                context.warn(f"{path.name}: {error.what}")
+                found.append(Features(key, np.empty((0, 4), np.float32), np.empty((0, 128), np.uint8), None))
+                continue
+            write_array_file(shelf / f"{key}.npz", known)
+        quality = PictureQuality(*(float(value) for value in known["quality"]))
+        found.append(Features(key, known["keypoints"], known["descriptors"], quality))
+    return found
+
+
+def read_array_file(path: Path) -> dict[str, npt.NDArray[np.generic]] | None:
+    """Return the arrays of an .npz file, or None where it is absent or damaged."""
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
+        return None
+
+
+def write_array_file(path: Path, arrays: dict[str, npt.NDArray[np.generic]]) -> None:
+    """Write an .npz file, whole or not at all, even where two runs write the same one."""
+    with storing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f"{path.stem}.{os.getpid()}.partial.npz")
+        np.savez(partial, **arrays)  # type: ignore[arg-type]
+        partial.replace(path)
+
+
+def _extractor(options: FeatureOptions) -> "pycolmap.FeatureExtractor":
     import pycolmap
 
-    database = pycolmap.Database.open(path)
-    if database.num_images() == len(flight):
-        return database
-    database.clear_all_tables()
-    with pycolmap.DatabaseTransaction(database):
-        for lens in lenses:
-            database.write_camera(lens, use_camera_id=True)
-            database.write_rig(rig_of(lens), use_rig_id=True)
-        for index in range(len(flight)):
-            image, frame = image_and_frame(flight, index)
-            database.write_image(image, use_image_id=True)
-            database.write_frame(frame, use_frame_id=True)
-    return database
+    settings = pycolmap.FeatureExtractionOptions()
+    settings.use_gpu = False
+    settings.num_threads = 1
+    settings.sift.max_num_features = options.feature_limit
+    settings.sift.first_octave = 0  # doubling the picture costs five times the time and finds few better features
+    settings.sift.max_num_orientations = 1
+    return pycolmap.FeatureExtractor.create(settings, pycolmap.Device.cpu)
 
 
-def rig_of(lens: "pycolmap.Camera") -> "pycolmap.Rig":
-    """Return the rig that holds one camera alone."""
-    import pycolmap
-
-    rig = pycolmap.Rig(rig_id=lens.camera_id)
-    rig.add_ref_sensor(lens.sensor_id)
-    return rig
-
-
-def image_and_frame(flight: Flight, index: int) -> "tuple[pycolmap.Image, pycolmap.Frame]":
-    """Return COLMAP's image and frame of photograph `index`."""
-    import pycolmap
-
-    camera_id = flight.camera_of[index] + 1
-    image = pycolmap.Image(name=flight.name(index), camera_id=camera_id, image_id=index + 1)
-    frame = pycolmap.Frame(frame_id=index + 1, rig_id=camera_id)
-    frame.add_data_id(image.data_id)
-    return image, frame
-
-
-def extract_features(
-    database: "pycolmap.Database", flight: Flight, feature_limit: int, size_limit: int, context: Context
-) -> None:
-    """Find features in every photograph that the database has none of; one that can't be decoded is left without."""
-    import pycolmap
-
-    options = pycolmap.FeatureExtractionOptions()
-    options.use_gpu = False
-    options.num_threads = 1
-    options.sift.max_num_features = feature_limit
-    options.sift.first_octave = 0  # doubling the picture costs five times the time and finds few better features
-    options.sift.max_num_orientations = 1
-    extractor = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)
-    for index in range(len(flight)):
-        context.progress(index, len(flight))
-        if database.exists_keypoints(index + 1) and database.exists_descriptors(index + 1):
-            continue
-        try:
-            pixels, scale = _gray(flight.records[index].path, size_limit)
-        except InputError as error:
-            context.warn(f"{flight.name(index)}: {error.what}")
-            continue
-        keypoints, descriptors = extractor.extract_from_uint8_array(pixels)
-        matrix = np.array(pycolmap.keypoints_to_matrix(keypoints), np.float32)
-        matrix[:, :2] *= scale
-        matrix[:, 2] *= scale[0]
-        with pycolmap.DatabaseTransaction(database):
-            database.write_keypoints(index + 1, matrix)
-            database.write_descriptors(index + 1, descriptors)
-
-
-def _gray(path: Path, size_limit: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return brightness (row, column) of the stored pixels, not turned by EXIF's orientation, at most `size_limit`
-    wide or high, and the factors (x, y) back to stored pixels.
+def _extract(
+    extractor: "pycolmap.FeatureExtractor", path: Path, options: FeatureOptions
+) -> dict[str, npt.NDArray[np.generic]]:
+    """Return keypoints, descriptors and the picture's sharpness and contrast.
 
     Raises:
         InputError: the pixels can't be decoded.
     """
+    import pycolmap
+
+    picture = _gray(path)
+    quality = inspect_picture(picture)
+    full = np.array(picture.size, np.float64)
+    picture.thumbnail((options.size_limit, options.size_limit), Image.Resampling.LANCZOS)
+    scale = full / picture.size
+    keypoints, descriptors = extractor.extract_from_uint8_array(np.asarray(picture))
+    matrix = np.array(pycolmap.keypoints_to_matrix(keypoints), np.float32)
+    matrix[:, :2] *= scale
+    matrix[:, 2] *= scale[0]
+    return {
+        "keypoints": matrix,
+        "descriptors": np.array(descriptors.data, np.uint8),
+        "quality": np.array([quality.sharpness, quality.contrast]),
+    }
+
+
+def _gray(path: Path) -> Image.Image:
+    """Return the brightness of the stored pixels, not turned by EXIF's orientation.
+
+    Raises:
+        InputError: they can't be decoded.
+    """
     try:
         with Image.open(path) as picture:
-            gray = picture.convert("L")
+            return picture.convert("L")
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise InputError(
             f"its pixels can't be decoded ({error})", where=str(path), cure="copy it from the drone again"
         ) from error
-    full = np.array(gray.size, np.float64)
-    gray.thumbnail((size_limit, size_limit), Image.Resampling.LANCZOS)
-    return np.asarray(gray), full / gray.size

@@ -1,5 +1,6 @@
 """Which features of two photographs show the same spot."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -7,6 +8,8 @@ import numpy.typing as npt
 
 from slideframe.arrays import Float64Array, UInt8Array
 from slideframe.stages import Context
+from slideframe.store import digest
+from slideframe_pose_rtk.features import Features, read_array_file, write_array_file
 from slideframe_pose_rtk.pairs import Pair
 
 if TYPE_CHECKING:
@@ -18,34 +21,36 @@ FARTHEST = 0.7  # rad between descriptors of one spot; COLMAP's experience
 ROWS = 512  # similarities computed at once, to stay in cache
 LEAST_MATCHES = 15  # fewer agree by chance
 
+FORMAT = 1  # raised whenever what follows finds other matches for the same features
+
 UInt32Array = npt.NDArray[np.uint32]
+Matches = dict[Pair, UInt32Array]
 
 
-def match_photographs(database: "pycolmap.Database", pairs: list[Pair], seed: int, context: Context) -> int:
-    """Match the features of every pair that the database doesn't hold yet, and keep those that fit one camera motion.
+def match_photographs(
+    features: list[Features],
+    lenses: "list[pycolmap.Camera]",
+    pairs: list[Pair],
+    shelf: Path,
+    context: Context,
+) -> Matches:
+    """Return, for pairs that share a view, the matches that fit one camera motion; from the shelf where they lie there.
 
-    Returns the number of pairs that share a view.
+    `lenses` has one entry for each photograph.
     """
-    import pycolmap
-
-    descriptors = {index: _descriptors(database, index) for pair in pairs for index in pair}
-    points = {index: _points(database, index) for index in descriptors}
-    lenses = {index: database.read_camera(database.read_image(index + 1).camera_id) for index in descriptors}
-    options = pycolmap.TwoViewGeometryOptions()
-    options.ransac.random_seed = seed
+    matches: Matches = {}
     for done, (first, second) in enumerate(pairs):
         context.progress(done, len(pairs))
-        if database.exists_two_view_geometry(first + 1, second + 1):
-            continue
-        matches = match_descriptors(descriptors[first], descriptors[second])
-        geometry = pycolmap.TwoViewGeometry()
-        if len(matches) >= LEAST_MATCHES:
-            geometry = pycolmap.estimate_two_view_geometry(
-                lenses[first], points[first], lenses[second], points[second], matches, options
-            )
-        database.write_two_view_geometry(first + 1, second + 1, geometry)
-    _, inlier_counts = database.read_two_view_geometry_num_inliers()
-    return sum(count >= LEAST_MATCHES for count in inlier_counts)
+        key = _key(features[first], features[second], lenses[first], lenses[second], context.seed)
+        known = read_array_file(shelf / f"{key}.npz")
+        if known is None:
+            inliers = _match_pair(features[first], features[second], lenses[first], lenses[second], context.seed)
+            write_array_file(shelf / f"{key}.npz", {"inliers": inliers})
+        else:
+            inliers = known["inliers"].astype(np.uint32)
+        if len(inliers) >= LEAST_MATCHES:
+            matches[first, second] = inliers
+    return matches
 
 
 def match_descriptors(first: UInt8Array, second: UInt8Array) -> UInt32Array:
@@ -82,13 +87,29 @@ def _angle(similarity: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     return angle
 
 
-def _descriptors(database: "pycolmap.Database", index: int) -> UInt8Array:
-    if not database.exists_descriptors(index + 1):
-        return np.empty((0, 128), np.uint8)
-    return np.array(database.read_descriptors(index + 1).data, np.uint8)
+def _match_pair(
+    first: Features, second: Features, first_lens: "pycolmap.Camera", second_lens: "pycolmap.Camera", seed: int
+) -> UInt32Array:
+    """Return the (match, 2) indices of features on which one camera motion agrees."""
+    import pycolmap
+
+    matches = match_descriptors(first.descriptors, second.descriptors)
+    if len(matches) < LEAST_MATCHES:
+        return np.empty((0, 2), np.uint32)
+    options = pycolmap.TwoViewGeometryOptions()
+    options.ransac.random_seed = seed
+    geometry = pycolmap.estimate_two_view_geometry(
+        first_lens, _points(first), second_lens, _points(second), matches, options
+    )
+    return np.array(geometry.inlier_matches, np.uint32).reshape(-1, 2)
 
 
-def _points(database: "pycolmap.Database", index: int) -> Float64Array:
-    if not database.exists_keypoints(index + 1):
-        return np.empty((0, 2), np.float64)
-    return np.asarray(database.read_keypoints(index + 1), np.float64)[:, :2]
+def _points(features: Features) -> Float64Array:
+    return features.keypoints[:, :2].astype(np.float64)
+
+
+def _key(
+    first: Features, second: Features, first_lens: "pycolmap.Camera", second_lens: "pycolmap.Camera", seed: int
+) -> str:
+    lenses = [[str(lens.model), *map(float, lens.params)] for lens in (first_lens, second_lens)]
+    return digest(["matches", FORMAT, first.key, second.key, lenses, seed])

@@ -1,13 +1,16 @@
 """The survey as a product, and the figures that say how good it is."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from slideframe.arrays import Float64Array, UInt8Array
-from slideframe.products import Photograph, Survey
+from slideframe.products import LeftOut, Photograph, Survey
+from slideframe.quality.pictures import PictureQuality
 from slideframe.stages import Context
+from slideframe_pose_rtk.features import Features
 from slideframe_pose_rtk.flight import Flight
 from slideframe_pose_rtk.orientation import about_up, angle_between, yaw_bias
 from slideframe_pose_rtk.solution import Solution
@@ -17,8 +20,13 @@ Sightings = dict[int, tuple[list[int], list[tuple[float, float]]]]
 FOCAL_LENGTH_DOUBT = 0.01  # of the focal length, for the statement of what it does to heights
 
 
-def survey_of(flight: Flight, solution: Solution, digests: Sequence[str]) -> Survey:
-    """Return the registered photographs in file order, the cameras they use, and the accepted points."""
+def survey_of(
+    flight: Flight, solution: Solution, files: Sequence[Path], digests: Sequence[str], features: Sequence[Features]
+) -> Survey:
+    """Return the registered photographs in file order, the cameras they use, and the accepted points.
+
+    `files` are all that were found; those without a pose are named with the reason.
+    """
     registered = sorted(solution.poses)
     used = sorted({flight.camera_of[index] for index in registered})
     points, colors, errors = _points(flight, solution)
@@ -26,9 +34,7 @@ def survey_of(flight: Flight, solution: Solution, digests: Sequence[str]) -> Sur
         georeference=flight.georeference,
         cameras=tuple(solution.cameras[camera] for camera in used),
         photographs=tuple(
-            Photograph(
-                path=flight.records[index].path, camera=used.index(flight.camera_of[index]), sha256=digests[index]
-            )
+            _photograph(flight, index, used.index(flight.camera_of[index]), digests[index], features[index].quality)
             for index in registered
         ),
         world_from_camera=np.array([solution.poses[index] for index in registered]),
@@ -36,7 +42,61 @@ def survey_of(flight: Flight, solution: Solution, digests: Sequence[str]) -> Sur
         sparse_points=points.astype(np.float32),
         sparse_colors=colors,
         sparse_errors=errors.astype(np.float32),
+        left_out=_left_out(flight, solution, files, features),
     )
+
+
+def _photograph(flight: Flight, index: int, camera: int, sha256: str, quality: PictureQuality | None) -> Photograph:
+    record = flight.records[index]
+    return Photograph(
+        path=record.path,
+        camera=camera,
+        sha256=sha256,
+        fix=record.fix,
+        stated_position=_triple(flight.positions[index]),
+        sharpness=quality.sharpness if quality else None,
+        fault=quality.fault if quality else None,
+    )
+
+
+def _left_out(
+    flight: Flight, solution: Solution, files: Sequence[Path], features: Sequence[Features]
+) -> tuple[LeftOut, ...]:
+    """Name the photographs without a pose: unusable by their metadata, or not registered."""
+    by_path = {record.path: index for index, record in enumerate(flight.records)}
+    found = []
+    for path in files:
+        index = by_path.get(path)
+        if index is None:
+            found.append(LeftOut(path=path, reason="its file or metadata can't be used, see the warnings"))
+        elif index not in solution.poses:
+            quality = features[index].quality
+            fault = quality.fault if quality else None
+            found.append(
+                LeftOut(
+                    path=path,
+                    reason=_reason(quality, len(features[index].keypoints)),
+                    fix=flight.records[index].fix,
+                    stated_position=_triple(flight.positions[index]),
+                    fault=fault,
+                )
+            )
+    return tuple(found)
+
+
+def _reason(quality: PictureQuality | None, feature_count: int) -> str:
+    if quality is None:
+        return "its pixels can't be decoded"
+    if quality.fault:
+        return {"covered": "nothing to see, the lens may be covered", "blurred": "too blurred to register"}[
+            quality.fault
+        ]
+    return f"not registered: too few of its {feature_count} features are seen by others where they should be"
+
+
+def _triple(place: Float64Array) -> tuple[float, float, float]:
+    east, north, up = (float(value) for value in place)
+    return east, north, up
 
 
 def report(flight: Flight, solution: Solution, survey: Survey, context: Context) -> None:

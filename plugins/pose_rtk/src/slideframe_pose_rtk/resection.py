@@ -6,8 +6,9 @@ import numpy as np
 
 from slideframe.arrays import Float64Array
 from slideframe_pose_rtk.adjustment import LEAST_OBSERVATIONS, Poses
+from slideframe_pose_rtk.features import Features
 from slideframe_pose_rtk.flight import Flight
-from slideframe_pose_rtk.pairs import Pair
+from slideframe_pose_rtk.matching import Matches
 
 if TYPE_CHECKING:
     import pycolmap
@@ -18,11 +19,11 @@ LEAST_FARTHEST = 2.0  # m; a resected centre before adjustment is no better
 
 
 def resect(
-    database: "pycolmap.Database",
+    features: list[Features],
+    matches: Matches,
     reconstruction: "pycolmap.Reconstruction",
     lenses: "list[pycolmap.Camera]",
     flight: Flight,
-    pairs: list[Pair],
     missing: list[int],
     seed: int,
 ) -> Poses:
@@ -36,8 +37,8 @@ def resect(
     options.ransac.random_seed = seed
     options.ransac.max_error = ACCEPTED_PIXELS
     poses = {}
-    for index in filter(lambda photograph: database.exists_keypoints(photograph + 1), missing):
-        pixels, points = _sightings(database, reconstruction, pairs, index)
+    for index in missing:
+        pixels, points = _sightings(features[index], matches, reconstruction, index)
         if len(pixels) < LEAST_OBSERVATIONS:
             continue
         lens = lenses[flight.camera_of[index]]
@@ -55,22 +56,22 @@ def _is_near(pose: Float64Array, flight: Flight, index: int) -> bool:
 
 
 def _sightings(
-    database: "pycolmap.Database", reconstruction: "pycolmap.Reconstruction", pairs: list[Pair], index: int
+    features: Features, matches: Matches, reconstruction: "pycolmap.Reconstruction", index: int
 ) -> tuple[Float64Array, Float64Array]:
     """Return where photograph `index` shows points (sighting, 2), px, that its partners know (sighting, 3), m."""
-    keypoints = np.asarray(database.read_keypoints(index + 1), np.float64)[:, :2]
     seen: dict[tuple[int, int], None] = {}
-    for first, second in pairs:
+    for (first, second), pair in sorted(matches.items()):
         if index not in (first, second):
             continue
         partner_id = (second if index == first else first) + 1
         if not reconstruction.exists_image(partner_id):
             continue  # COLMAP leaves out what nothing matches
         partner = reconstruction.image(partner_id)
-        for match in database.read_two_view_geometry(first + 1, second + 1).inlier_matches:
+        for match in pair:
             mine, theirs = match if index == first else match[::-1]
             if partner.has_pose and partner.point2D(int(theirs)).has_point3D():
                 seen[int(mine), int(partner.point2D(int(theirs)).point3D_id)] = None
-    pixels = np.array([keypoints[mine] for mine, _ in seen], np.float64).reshape(-1, 2)
+    keypoints = features.keypoints.astype(np.float64)
+    pixels = np.array([keypoints[mine, :2] for mine, _ in seen], np.float64).reshape(-1, 2)
     points = np.array([reconstruction.point3D(point).xyz for _, point in seen], np.float64).reshape(-1, 3)
     return pixels, points

@@ -21,12 +21,13 @@ from slideframe_pose_rtk.adjustment import (
     poses_of,
     triangulate,
 )
-from slideframe_pose_rtk.features import extract_features, open_database
+from slideframe_pose_rtk.database import write_database
+from slideframe_pose_rtk.features import FeatureOptions, find_features
 from slideframe_pose_rtk.flight import Flight
 from slideframe_pose_rtk.intake import names, require_enough
 from slideframe_pose_rtk.lens import adjustable_lens, camera_from_lens, exact_lens, pinhole_lens
 from slideframe_pose_rtk.matching import match_photographs
-from slideframe_pose_rtk.pairs import Pair, choose_pairs, ground_height
+from slideframe_pose_rtk.pairs import choose_pairs, ground_height
 from slideframe_pose_rtk.resection import resect
 
 if TYPE_CHECKING:
@@ -64,12 +65,18 @@ class Solution:
 
 
 class Correspondences:
-    """The matched database of a flight, in the stage's scratch folder."""
+    """The features and matches of a flight, and COLMAP's database of them in the stage's scratch folder."""
 
     def __init__(
-        self, flight: Flight, freedom: Freedom, feature_limit: int, size_limit: int, partners: int, context: Context
+        self,
+        flight: Flight,
+        digests: list[str],
+        freedom: Freedom,
+        options: FeatureOptions,
+        partners: int,
+        context: Context,
     ) -> None:
-        """Extract and match, or take up where an interrupted run stopped.
+        """Extract and match what isn't on the shelf already.
 
         Raises:
             InputError: no two photographs show the same ground.
@@ -77,20 +84,19 @@ class Correspondences:
         self.flight, self.freedom, self.context = flight, freedom, context
         self.lenses = lenses_of(flight, freedom)
         self.path = context.scratch / "features.db"
-        self.pairs: list[Pair] = choose_pairs(flight, partners)
-        self.database = open_database(self.path, flight, self.lenses)
-        extract_features(self.database, flight, feature_limit, size_limit, _portion(context, 0.0, 0.4))
-        shared = match_photographs(self.database, self.pairs, context.seed, _portion(context, 0.4, 0.7))
-        if not shared:
+        shelf = context.cache or context.scratch
+        paths = [record.path for record in flight.records]
+        self.features = find_features(paths, digests, options, shelf / "features", _portion(context, 0.0, 0.4))
+        lens_of = [self.lenses[camera] for camera in flight.camera_of]
+        pairs = choose_pairs(flight, partners)
+        self.matches = match_photographs(self.features, lens_of, pairs, shelf / "matches", _portion(context, 0.4, 0.7))
+        if not self.matches:
             raise InputError(
                 "no two photographs show the same ground",
                 where=str(flight.folder),
                 cure="fly with an overlap of 70 % or more; blurred, dark or uniform pictures can't be matched either",
             )
-
-    def close(self) -> None:
-        """Close the database."""
-        self.database.close()
+        write_database(self.path, flight, self.lenses, self.features, self.matches)
 
     def triangulate(self, lenses: "list[pycolmap.Camera]", poses: Poses, accepted: float) -> "pycolmap.Reconstruction":
         """Return the points that the posed photographs agree on."""
@@ -143,7 +149,13 @@ def solve_by_refinement(correspondences: Correspondences) -> Solution:
         if 0 < number < len(ACCEPTED_ANGLES):
             missing = [index for index in range(len(flight)) if index not in poses]
             poses |= resect(
-                correspondences.database, reconstruction, lenses, flight, correspondences.pairs, missing, context.seed
+                correspondences.features,
+                correspondences.matches,
+                reconstruction,
+                lenses,
+                flight,
+                missing,
+                context.seed,
             )
         error = float(reconstruction.compute_mean_reprojection_error())
         context.progress(0.7 + 0.3 * (number + 1) / len(rounds), 1.0, reprojection_error_px=error)

@@ -1,7 +1,6 @@
 """The pose source: drone photographs with RTK metadata to a georeferenced survey."""
 
 from collections.abc import Sequence
-from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -60,20 +59,26 @@ class RtkPoses(PoseSource):
         from slideframe_pose_rtk.report import report, survey_of
 
         folder = site.photographs
-        records, digests = admit(photograph_files(folder), folder, context)
+        files = photograph_files(folder)
+        records, digests = admit(files, folder, context)
         flight = plan_flight(records, folder, self.origin, context)
         require_baseline(flight.positions, folder)
         require_orientations(flight, LEAST_PHOTOGRAPHS)
         freedom = solution.choose_freedom(flight, self.focal_length) if self.refine else solution.HELD
         solve = solution.solve_by_refinement if self.refine else solution.solve_from_metadata
-        with solution.quiet_colmap(), closing(self._correspondences(flight, freedom, context)) as correspondences:
+        with solution.quiet_colmap():
+            correspondences = self._correspondences(flight, digests, freedom, context)
             solved = solve(correspondences)
         solution.warn_of_unregistered(flight, solved, context)
-        survey = survey_of(flight, solved, digests)
+        survey = survey_of(flight, solved, files, digests, correspondences.features)
         report(flight, solved, survey, context)
         return survey
 
-    def _correspondences(self, flight: "Flight", freedom: "Freedom", context: Context) -> "Correspondences":
+    def _correspondences(
+        self, flight: "Flight", digests: list[str], freedom: "Freedom", context: Context
+    ) -> "Correspondences":
+        from slideframe_pose_rtk.features import FeatureOptions
         from slideframe_pose_rtk.solution import Correspondences
 
-        return Correspondences(flight, freedom, self.feature_limit, self.image_size_limit, self.partners, context)
+        options = FeatureOptions(self.feature_limit, self.image_size_limit)
+        return Correspondences(flight, digests, freedom, options, self.partners, context)

@@ -1,0 +1,148 @@
+"""`slideframe survey`: the cameras and the report of their quality alone, to know whether to fly again."""
+
+import logging
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, cast
+
+import tyro
+from pydantic import Field
+
+from slideframe import catalogue, registry
+from slideframe.bench import Bench, Keyed
+from slideframe.commands.progress import Watch
+from slideframe.commands.run import absolute_site, logging_to
+from slideframe.config import StageChoice, apply_override, read_toml, validate
+from slideframe.crew import device_for
+from slideframe.device import parse_device
+from slideframe.errors import ConfigurationError, SlideframeError
+from slideframe.problem import ProblemModel, Region, Site
+from slideframe.products import Survey
+from slideframe.run_folder import LOG, RECORDING, RESULT, RunFolder, result_table
+from slideframe.stages import PoseSource
+from slideframe.store import Store, storing
+from slideframe.survey_folder import (
+    REPORT,
+    appraise_survey,
+    survey_result,
+    write_cameras,
+    write_report,
+    write_result,
+)
+
+_log = logging.getLogger("slideframe")
+SURVEY_TAB, CONFIG = 2, "survey.toml"
+
+
+@dataclass(frozen=True)
+class SurveyOptions:
+    """Locate the cameras, report how good the survey is, and tell whether to fly again."""
+
+    photographs: Annotated[Path, tyro.conf.Positional]
+    """Folder of photographs, or a config of `slideframe run`, whose region is then what must be covered."""
+    pose_source: str | None = None
+    """Plugin that finds the cameras."""
+    device: str = "auto"
+    """auto, cpu, cuda or cuda:N."""
+    out: Path | None = None
+    """Folder of the report; by default runs/survey-NAME."""
+    store: Path | None = None
+    """Folder of stored results, shared with runs; by default `store` beside the report's folder."""
+    set: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+    """Override any key: --set plugins.pose_rtk.refine=false."""
+
+
+class SurveyConfig(ProblemModel):
+    """What of a run's configuration decides the survey and its appraisal."""
+
+    site: Site
+    region: Region | None = None
+    stages: StageChoice = StageChoice()
+    plugins: dict[str, dict[str, Any]] = Field(default={})
+    seed: int = Field(default=0, ge=0)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Parse, locate, report."""
+    options = tyro.cli(SurveyOptions, args=list(arguments), prog="slideframe survey")
+    config = read_survey_config(options)
+    name = options.photographs.resolve().stem
+    out = options.out or Path("runs") / f"survey-{name}"
+    stage, listing = _pose_source(config)
+    device = parse_device(options.device)
+    registry.require_backend(stage, listing)
+    stage.preflight(config.site, device_for(stage, device))
+    store = Store(options.store or out.parent / "store")
+    folder = RunFolder(out)
+    with folder.locked():
+        store.open()
+        with logging_to(out / LOG), Watch() as watch:
+            bench = Bench(store, {stage.name: listing}, device, config.seed, watch)
+            try:
+                keyed = bench.step(stage.locate, config.site)
+            except SlideframeError as error:
+                _log.error("%s", error, exc_info=True)
+                raise
+            lines = _deliver(out, name, config, keyed, bool(bench.computed))
+    print("\n".join([*lines, "", f"report: {out / REPORT}"]))
+    return 0
+
+
+def read_survey_config(options: SurveyOptions) -> SurveyConfig:
+    """Read the folder's or the config's site, region, pose source and plugin tables.
+
+    Raises:
+        ConfigurationError: the config is faulty.
+    """
+    content: dict[str, Any] = {"site": {"photographs": str(options.photographs)}}
+    if options.photographs.suffix == ".toml":
+        whole = read_toml(options.photographs)
+        content = {key: value for key, value in whole.items() if key in SurveyConfig.model_fields}
+    for assignment in options.set:
+        apply_override(content, assignment)
+    if options.pose_source:
+        apply_override(content, f'stages.pose_source="{options.pose_source}"')
+    config = validate(SurveyConfig, content, str(options.photographs))
+    return config.model_copy(update={"site": absolute_site(config.site)})
+
+
+def _pose_source(config: SurveyConfig) -> tuple[PoseSource, catalogue.Listing]:
+    name = config.stages.pose_source
+    stage_class = registry.load([name])[name]
+    if stage_class.kind != "pose_source":
+        raise ConfigurationError(
+            f"'{name}' is a {stage_class.kind}, not a pose_source",
+            where="stages.pose_source",
+            cure="see `slideframe plugins` for those of the right kind",
+        )
+    stage = validate(stage_class, config.plugins.get(name, {}), f"[plugins.{name}]")
+    return cast(PoseSource, stage), catalogue.find(name)
+
+
+def _deliver(out: Path, name: str, config: SurveyConfig, keyed: Keyed[Survey], computed: bool) -> list[str]:
+    """Write report, cameras, recording and figures, and return the lines to print."""
+    import tomli_w
+
+    from slideframe import record
+    from slideframe.quality.drawing import draw_maps
+    from slideframe.quality.page import report_lines
+
+    with storing(out), suppress(FileNotFoundError):
+        (out / RESULT).unlink()
+    appraisal = appraise_survey(keyed, config.region)
+    maps = draw_maps(appraisal)
+    write_report(out, name, keyed, appraisal, maps)
+    left_out = write_cameras(keyed.value, out)
+    figures = {"pose_source": survey_result(keyed, appraisal, computed)}
+    toml = tomli_w.dumps(config.model_dump(mode="json", exclude_none=True))
+    with storing(out):
+        (out / CONFIG).write_text(toml, encoding="utf-8")
+        recording = record.Recording(out / RECORDING, out.name, active_tab=SURVEY_TAB)
+        record.log_survey(recording.stream, keyed.value)
+        record.log_survey_maps(recording.stream, maps)
+        record.log_report(recording.stream, result_table(figures, []), toml)
+        recording.close()
+    write_result(out / RESULT, {"keys": {"pose_source": keyed.key}, **figures, "outputs": {"left_out": left_out}})
+    return report_lines(appraisal, keyed.entry.manifest["figures"])

@@ -1,0 +1,1 @@
+"""How good a survey is, told from the survey alone: coverage, positions, pictures, and whether to fly again."""
