@@ -17,6 +17,7 @@ COMMANDS = {
     "check": "import one plugin and check its contract and its backend",
     "schema": "print a JSON Schema of the config for the installed plugins",
     "view": "open a run's recording in the rerun viewer",
+    "verify": "check solvers against closed-form solutions and measurements",
     "doctor": "report what this machine offers and lacks",
     "init": "write a commented config to start from",
     "demo-survey": "write the embedded demo's photographs",

@@ -1,0 +1,20 @@
+"""Every case, in the order of the card."""
+
+from collections.abc import Iterator
+
+from slideframe.verification import aluminium_bars, collapse, contact, elastic, invariance, slopes
+from slideframe.verification.case import Case
+
+CASES: tuple[Case, ...] = (
+    *elastic.CASES,
+    *contact.CASES,
+    *invariance.CASES,
+    *slopes.CASES,
+    *collapse.CASES,
+    *aluminium_bars.CASES,
+)
+
+
+def cases(fast: bool) -> Iterator[Case]:
+    """Yield every case, or the fast ones alone."""
+    return (case for case in CASES if case.fast or not fast)
