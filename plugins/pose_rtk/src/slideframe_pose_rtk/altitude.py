@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from slideframe.georeferencing import Heights, undulation
+from slideframe.georeferencing import ELLIPSOIDAL, Heights, undulation
 from slideframe.stages import Context
 from slideframe_pose_rtk.metadata import AltitudeKind, PhotoRecord
 from slideframe_pose_rtk.naming import names
@@ -29,7 +29,7 @@ class AltitudeRules:
         unstated: what to take heights of an unknown level for.
     """
 
-    geoid: Heights
+    geoid: Heights = ELLIPSOIDAL
     unstated: Literal["unknown", "ellipsoidal", "orthometric"] = "unknown"
 
 

@@ -38,6 +38,7 @@ class Exif:
         pixel_pitch: distance of pixels of the full-size picture on the sensor, mm.
         utc: time of the exposure where EXIF tells the time zone or GPS time.
         local_time: as the camera's clock showed it.
+        exposure_time: s.
     """
 
     size: tuple[int, int]
@@ -56,6 +57,7 @@ class Exif:
     pixel_pitch: float | None
     utc: datetime | None
     local_time: datetime | None
+    exposure_time: float | None
     maker_note: bytes
 
 
@@ -94,6 +96,7 @@ def read_exif(path: Path) -> Exif:
         pixel_pitch=_pixel_pitch(camera),
         utc=_gps_time(place) or _zoned(local_time, camera.get(ExifTags.Base.OffsetTimeOriginal)),
         local_time=local_time,
+        exposure_time=_positive(camera.get(ExifTags.Base.ExposureTime)),
         maker_note=note if isinstance(note, bytes) else b"",
     )
 

@@ -1,28 +1,31 @@
 """What enters the survey: the photographs found, read, and sorted out by their metadata."""
 
 import hashlib
+from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from slideframe.errors import InputError
-from slideframe.georeferencing import Heights
 from slideframe.stages import Context
 from slideframe_pose_rtk.altitude import AltitudeRules, settle_altitudes
+from slideframe_pose_rtk.calibration import calibrated, read_calibration
 from slideframe_pose_rtk.intrinsics import camera_of
 from slideframe_pose_rtk.jpeg import lacks_its_end
 from slideframe_pose_rtk.metadata import PhotoRecord
 from slideframe_pose_rtk.naming import names as names  # solution and flight take it from here
+from slideframe_pose_rtk.positions import PositionFiles, improve_positions
 from slideframe_pose_rtk.reading import read_record
+from slideframe_pose_rtk.twins import without_twins
 
 SUFFIXES = frozenset({".jpg", ".jpeg"})
 LEAST_PHOTOGRAPHS = 3  # two rays per point leave the shape of the ground along the base line undetermined
 LEAST_EXTENT = 1.0  # m; from closer together, depth can't be told from noise
 SITE_RADIUS = 5000.0  # m; a position farther from the median one belongs to another place
 METERS_PER_DEGREE = 111_320.0  # of latitude
-STATED_ALTITUDES = AltitudeRules(geoid=Heights())
 
 
 def photograph_files(folder: Path) -> list[Path]:
@@ -47,42 +50,75 @@ def photograph_files(folder: Path) -> list[Path]:
     return files
 
 
-def require_some_located(files: Iterable[Path], folder: Path) -> None:
-    """Read until three photographs with a position are found.
+@dataclass(frozen=True)
+class Sources:
+    """What the user gives beside the photographs.
+
+    Attributes:
+        positions: better positions.
+        altitudes: what heights mean.
+        calibration: the user's own calibration of cameras, see `calibration`.
+    """
+
+    positions: PositionFiles = field(default_factory=PositionFiles)
+    altitudes: AltitudeRules = field(default_factory=AltitudeRules)
+    calibration: Path | None = None
+
+    def paths(self, photographs: Sequence[Path]) -> list[Path]:
+        """Return every file beside the photographs that the survey depends on."""
+        given = [path for path in (self.calibration, self.altitudes.geoid.geoid_grid) if path is not None]
+        return given + self.positions.paths(photographs)
+
+
+def require_some_located(files: Sequence[Path], folder: Path, sources: Sources) -> None:
+    """Read what the user gives, then photographs until three with a position are found.
 
     Raises:
-        InputError: there are fewer.
+        InputError: there are fewer, or something given can't be used.
     """
+    if sources.calibration is not None:
+        read_calibration(sources.calibration)
+    sources.positions.require_readable(files)
     located = 0
     for path in files:
         try:
             located += read_record(path).is_located
         except InputError:
             continue
-        if located == LEAST_PHOTOGRAPHS:
+        if located == LEAST_PHOTOGRAPHS or (located and sources.positions.table):
             return
-    raise _too_few(located, "with a position in their metadata", folder)
+    if sources.positions.table is None:
+        raise _too_few(located, "with a position in their metadata", folder)
 
 
 def admit(
-    files: Sequence[Path], folder: Path, context: Context, rules: AltitudeRules = STATED_ALTITUDES
+    files: Sequence[Path], folder: Path, context: Context, sources: Sources | None = None
 ) -> tuple[list[PhotoRecord], list[str]]:
     """Return the usable records and their files' SHA-256, warning by name of what is left out or doubtful, and why.
 
     Raises:
-        InputError: fewer than three photographs are usable, or the geoid grid can't be used.
+        InputError: fewer than three photographs are usable, or something that the user gives can't be used.
     """
+    sources = sources or Sources()
     records, digests = _readable(files, context)
-    kept = np.array([record.is_located for record in records], bool)
-    _warn_without(records, kept, "no latitude, longitude and height in their metadata", context)
-    near = kept.copy()
-    near[kept] = _near_the_site([record for record, keep in zip(records, kept, strict=True) if keep])
-    _warn_without(records, near | ~kept, f"more than {SITE_RADIUS / 1000:.0f} km from the others", context)
-    records = [record for record, keep in zip(records, near, strict=True) if keep]
+    if sources.calibration is not None:
+        records = calibrated(records, read_calibration(sources.calibration), sources.calibration)
+    records = [record for record in records if _has_camera(record, context)]
+    records = improve_positions(records, sources.positions, folder, sources.altitudes.geoid, context)
+    records = _kept(
+        records,
+        [record.is_located for record in records],
+        "no latitude, longitude and height in their metadata",
+        context,
+    )
+    records = _kept(records, _near_the_site(records), f"more than {SITE_RADIUS / 1000:.0f} km from the others", context)
+    records = without_twins(records, context)
     require_enough(len(records), "with a usable position", folder)
     _pass_warnings_on(records, context)
-    digests = [digest for digest, keep in zip(digests, near, strict=True) if keep]
-    return settle_altitudes(records, rules, context), digests
+    records = settle_altitudes(records, sources.altitudes, context)
+    context.figure("positions_from", _counted(record.position_source or "" for record in records))
+    context.figure("position_fixes", _counted(record.fix for record in records))
+    return records, [digests[record.path] for record in records]
 
 
 def require_enough(count: int, what: str, folder: Path) -> None:
@@ -118,24 +154,35 @@ def _too_few(count: int, what: str, folder: Path) -> InputError:
     )
 
 
-def _readable(files: Sequence[Path], context: Context) -> tuple[list[PhotoRecord], list[str]]:
-    """Read every file once, leaving out the unreadable and the repeated."""
+def _readable(files: Sequence[Path], context: Context) -> tuple[list[PhotoRecord], dict[Path, str]]:
+    """Read every file once, leaving out the unreadable and the repeated; return SHA-256 by path as well."""
     records: list[PhotoRecord] = []
-    digests: list[str] = []
+    digests: dict[Path, str] = {}
+    first: dict[str, Path] = {}
     for path in files:
         try:
             record, digest = read_record(path), hashlib.sha256(path.read_bytes()).hexdigest()
-            camera_of(record)  # a photograph without a focal length is of no use
             _require_whole(path)
         except InputError as error:
             context.warn(f"{path.name} is left out: {error.what}")
             continue
-        if digest in digests:
-            context.warn(f"{path.name} is left out: it's the same file as {records[digests.index(digest)].path.name}")
+        if digest in first:
+            context.warn(f"{path.name} is left out: it's the same file as {first[digest].name}")
             continue
+        first[digest] = path
         records.append(record)
-        digests.append(digest)
+        digests[path] = digest
     return records, digests
+
+
+def _has_camera(record: PhotoRecord, context: Context) -> bool:
+    """Tell whether the photograph's focal length is known; without one it's of no use."""
+    try:
+        camera_of(record)
+    except InputError as error:
+        context.warn(f"{record.path.name} is left out: {error.what}")
+        return False
+    return True
 
 
 def _require_whole(path: Path) -> None:
@@ -175,7 +222,16 @@ def _near_the_site(records: Sequence[PhotoRecord]) -> np.ndarray:
     return near
 
 
-def _warn_without(records: Sequence[PhotoRecord], kept: np.ndarray, reason: str, context: Context) -> None:
+def _kept(
+    records: Sequence[PhotoRecord], kept: Sequence[bool] | np.ndarray, reason: str, context: Context
+) -> list[PhotoRecord]:
+    """Return those kept, warning of the others."""
     left_out = [record for record, keep in zip(records, kept, strict=True) if not keep]
     if left_out:
         context.warn(f"{len(left_out)} of {len(records)} photographs are left out, {reason}: {names(left_out)}")
+    return [record for record, keep in zip(records, kept, strict=True) if keep]
+
+
+def _counted(words: Iterable[str]) -> dict[str, float]:
+    """Return how often each word stands."""
+    return {word: float(count) for word, count in sorted(Counter(words).items())}

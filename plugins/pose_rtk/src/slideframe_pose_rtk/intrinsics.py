@@ -5,37 +5,45 @@ from typing import Literal
 
 from slideframe.errors import InputError
 from slideframe.products import Camera
-from slideframe_pose_rtk.metadata import PhotoRecord
+from slideframe_pose_rtk.metadata import LensCalibration, PhotoRecord
 
-Calibration = Literal["measured", "design", "nominal"]
+Calibration = Literal["user", "measured", "design", "nominal"]
 
 FULL_FRAME_DIAGONAL = math.hypot(36.0, 24.0)  # mm; CIPA DCG-001 defines equivalent focal length by the diagonal
 # Camera makers and resizing programs round sides to whole, often even, pixels; a crop changes the ratio by more.
 ASPECT_TOLERANCE = 0.01
+# FocalPlaneXResolution is exact where it is right; beside the rounded equivalent focal length, wrong values show.
+PITCH_TOLERANCE = 0.1
 CENTER_TOLERANCE = 0.05  # optical centres of drone cameras lie within 2 % of the width from the middle
 
 
 def camera_of(record: PhotoRecord) -> tuple[Camera, Calibration]:
     """Return the camera and how its focal length is known.
 
-    measured: DewarpData, this very camera's calibration; design: CalibratedFocalLength, its type's;
-    nominal: EXIF's 35 mm equivalent, good to some percent. The first two are for the full-size
-    picture and scale with it; a cropped picture can't use them.
+    user: the user's calibration; measured: DewarpData, this very camera's; design: what Pix4D's tags or
+    CalibratedFocalLength state of its type; nominal: EXIF's focal length, good to some percent. Measured and
+    design ones are for the full-size picture and scale with it; a cropped picture can't use them.
 
     Raises:
         InputError: the metadata holds no focal length at all.
     """
+    if record.user_camera:
+        return record.user_camera, "user"
     scale = _scale(record)
     if scale and record.dewarp:
-        return _measured(record, scale), "measured"
+        return _calibrated(record, record.dewarp, scale), "measured"
+    if scale and record.stated_lens:
+        return _calibrated(record, record.stated_lens, scale), "design"
     if scale and record.calibrated_focal_length:
         return _design(record, record.calibrated_focal_length, scale), "design"
-    if record.focal_length_35mm:
-        return _nominal(record, record.focal_length_35mm), "nominal"
+    focal_length = _nominal_focal_length(record, scale)
+    if focal_length:
+        return _nominal(record, focal_length), "nominal"
     raise InputError(
-        "its metadata holds no focal length: no DewarpData, CalibratedFocalLength or FocalLengthIn35mmFilm",
+        "its metadata holds no focal length: no DewarpData, CalibratedFocalLength, FocalLengthIn35mmFilm, or"
+        " FocalLength with FocalPlaneXResolution",
         where=str(record.path),
-        cure="use the files as the camera wrote them",
+        cure="use the files as the camera wrote them, or give a calibration",
     )
 
 
@@ -62,18 +70,17 @@ def _full_size(record: PhotoRecord) -> tuple[float, float]:
     return stated
 
 
-def _measured(record: PhotoRecord, scale: float) -> Camera:
-    """Use DewarpData, whose distortion is gone already where the camera has dewarped the picture."""
-    assert record.dewarp is not None
-    dewarp, (width, height) = record.dewarp, record.size
+def _calibrated(record: PhotoRecord, lens: LensCalibration, scale: float) -> Camera:
+    """Use a calibration, whose distortion is gone already where the camera has dewarped the picture."""
+    width, height = record.size
     return Camera(
         width=width,
         height=height,
-        focal_x=dewarp.focal_x * scale,
-        focal_y=dewarp.focal_y * scale,
-        principal_x=width / 2 + dewarp.center_x * scale,
-        principal_y=height / 2 + dewarp.center_y * scale,
-        distortion=(0.0, 0.0, 0.0, 0.0, 0.0) if record.is_dewarped else dewarp.distortion,
+        focal_x=lens.focal_x * scale,
+        focal_y=lens.focal_y * scale,
+        principal_x=width / 2 + lens.center_x * scale,
+        principal_y=height / 2 + lens.center_y * scale,
+        distortion=(0.0, 0.0, 0.0, 0.0, 0.0) if record.is_dewarped else lens.distortion,
     )
 
 
@@ -90,9 +97,20 @@ def _design(record: PhotoRecord, focal_length: float, scale: float) -> Camera:
     )
 
 
-def _nominal(record: PhotoRecord, focal_length_35mm: float) -> Camera:
+def _nominal_focal_length(record: PhotoRecord, scale: float | None) -> float | None:
+    """Return EXIF's focal length in px of the stored picture."""
+    equivalent = None
+    if record.focal_length_35mm:
+        equivalent = record.focal_length_35mm * math.hypot(*record.size) / FULL_FRAME_DIAGONAL
+    if scale and record.focal_length and record.pixel_pitch:
+        focal_length = record.focal_length / record.pixel_pitch * scale
+        if equivalent is None or abs(focal_length / equivalent - 1) < PITCH_TOLERANCE:
+            return focal_length
+    return equivalent
+
+
+def _nominal(record: PhotoRecord, focal_length: float) -> Camera:
     width, height = record.size
-    focal_length = focal_length_35mm * math.hypot(width, height) / FULL_FRAME_DIAGONAL
     return Camera(
         width=width,
         height=height,

@@ -9,11 +9,13 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from slideframe.arrays import Float64Array
+from slideframe.products import Camera
 
 AltitudeKind = Literal["ellipsoidal", "orthometric", "relative", "unknown"]
 Fix = Literal["fixed", "float", "single", "none"]
 PositionSource = Literal["xmp", "exif", "mrk", "ppk", "csv"]
 Triple = tuple[float, float, float]
+Covariance = tuple[Triple, Triple, Triple]
 Size = tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]]
 
 # Standard deviation in m (east, north, up) where the file states none, by kind of fix. Fixed: DJI's 1 cm + 1 ppm and
@@ -75,7 +77,8 @@ class PhotoRecord(_Value):
         rtk_sigma: standard deviation stated by the receiver, m east, north, up.
         covariance: of the position, to weight it with, m², east, north, up; it follows the fix, see `weight`.
         gimbal: yaw, pitch and roll in degrees, see `orientation`.
-        gimbal_source: xmp or makernote.
+        gimbal_source: xmp, makernote, or the user's csv.
+        exposure_time: s.
         focal_length_35mm: equivalent focal length, mm.
         focal_length: mm.
         pixel_pitch: mm, of the full-size picture.
@@ -84,6 +87,7 @@ class PhotoRecord(_Value):
         dewarp: measured calibration (DJI's DewarpData).
         stated_lens: calibration that Pix4D's camera tags state.
         is_dewarped: the camera has removed the distortion already.
+        user_camera: the user's own calibration, at the stored picture's size.
         warnings: what is doubtful about the file, each as the end of the sentence "it …".
     """
 
@@ -108,9 +112,10 @@ class PhotoRecord(_Value):
     fix: Fix = "none"
     rtk_flag: int | None = None
     rtk_sigma: Triple | None = None
-    covariance: tuple[Triple, Triple, Triple] = ((9.0, 0.0, 0.0), (0.0, 9.0, 0.0), (0.0, 0.0, 25.0))
+    covariance: Covariance = ((9.0, 0.0, 0.0), (0.0, 9.0, 0.0), (0.0, 0.0, 25.0))
     gimbal: Triple | None = None
-    gimbal_source: Literal["xmp", "makernote"] | None = None
+    gimbal_source: Literal["xmp", "makernote", "csv"] | None = None
+    exposure_time: float | None = None
     focal_length_35mm: float | None = Field(default=None, gt=0)
     focal_length: float | None = Field(default=None, gt=0)
     pixel_pitch: float | None = Field(default=None, gt=0)
@@ -119,6 +124,7 @@ class PhotoRecord(_Value):
     dewarp: LensCalibration | None = None
     stated_lens: LensCalibration | None = None
     is_dewarped: bool = False
+    user_camera: Camera | None = None
     warnings: tuple[str, ...] = ()
 
     @property
@@ -157,12 +163,18 @@ def is_known_flag(flag: int) -> bool:
     return flag in (0, SINGLE_FLAG, FIXED_FLAG) or flag in FLOAT_FLAGS
 
 
-def weight(fix: Fix, stated: Triple | None) -> tuple[Triple, Triple, Triple]:
+def weight(fix: Fix, stated: Triple | None) -> Covariance:
     """Return the covariance, m² east, north, up, to weight a position with.
 
     The fix gates it: a stated standard deviation counts as far as such a fix can be that good.
     """
     if stated is None or min(stated) <= 0:
         stated = DEFAULT_SIGMA[fix]
-    east, north, up = (max(sigma, LEAST_SIGMA[fix]) ** 2 for sigma in stated)
-    return (east, 0.0, 0.0), (0.0, north, 0.0), (0.0, 0.0, up)
+    return gated(fix, np.diag(np.square(stated)))
+
+
+def gated(fix: Fix, covariance: Float64Array) -> Covariance:
+    """Return a stated covariance (3, 3), its variances raised to what such a fix can be at best."""
+    lacking = np.maximum(LEAST_SIGMA[fix] ** 2 - np.diag(covariance), 0.0)
+    east, north, up = (covariance + np.diag(lacking)).tolist()
+    return tuple(east), tuple(north), tuple(up)

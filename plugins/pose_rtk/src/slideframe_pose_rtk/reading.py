@@ -87,6 +87,7 @@ def _record(path: Path, exif: Exif, xmp: Xmp) -> PhotoRecord:
         "flight": _first(properties, FLIGHT),
         "utc": _instant(properties) or exif.utc,
         "local_time": exif.local_time,
+        "exposure_time": exif.exposure_time,
         "gimbal": gimbal,
         "gimbal_source": gimbal_source,
         **_place(exif, properties),

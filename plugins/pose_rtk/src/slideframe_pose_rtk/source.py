@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from slideframe.device import Device
 from slideframe.problem import ProblemModel, Site
@@ -14,6 +14,7 @@ from slideframe.stages import Context, PoseSource
 if TYPE_CHECKING:
     from slideframe_pose_rtk.adjustment import Freedom
     from slideframe_pose_rtk.flight import Flight
+    from slideframe_pose_rtk.intake import Sources
     from slideframe_pose_rtk.solution import Correspondences
 
 
@@ -36,20 +37,47 @@ class RtkPoses(PoseSource):
         default=3200, ge=400, le=20_000, description="px; larger photographs are reduced for features"
     )
     partners: int = Field(default=10, ge=2, le=200, description="photographs that each one is compared with")
+    calibration: Path | None = Field(
+        default=None, description="TOML file of calibrated cameras, see docs/survey.md; none: the photographs' metadata"
+    )
+    positions: Path | None = Field(
+        default=None, description="CSV of positions that override all others, see docs/survey.md"
+    )
+    positions_epsg: int | None = Field(
+        default=None, description="coordinate system of the CSV's easting and northing; none: it has degrees of WGS84"
+    )
+    position_files: bool = Field(
+        default=True, description="use DJI's .MRK and RTKLIB's .pos files beside the photographs"
+    )
+    unstated_altitude: Literal["unknown", "ellipsoidal", "orthometric"] = Field(
+        default="unknown", description="what heights are that the photographs don't state the level of"
+    )
+    geoid_offset: float | None = Field(
+        default=None,
+        description="sea level above the WGS84 ellipsoid at the site, m; makes orthometric heights ellipsoidal",
+    )
+    geoid_grid: Path | None = Field(default=None, description="the same from a grid that PROJ reads (.tif, .gtx)")
     origin: Georeference | None = Field(default=None, description="of the local frame; none: the mean of the positions")
 
+    @model_validator(mode="after")
+    def _one_undulation(self) -> "RtkPoses":
+        if self.geoid_offset is not None and self.geoid_grid is not None:
+            raise ValueError("give geoid_offset or geoid_grid, not both")
+        return self
+
     def input_files(self, site: Site) -> Sequence[Path]:
-        """Return the JPEG files under the site's folder."""
+        """Return the JPEG files under the site's folder, and what else the cameras are taken from."""
         from slideframe_pose_rtk.intake import photograph_files
 
-        return photograph_files(site.photographs)
+        photographs = photograph_files(site.photographs)
+        return [*photographs, *self._sources().paths(photographs)]
 
     def preflight(self, problem: ProblemModel, device: Device) -> None:
         """Require a folder with at least three photographs that tell where they were taken."""
         from slideframe_pose_rtk.intake import photograph_files, require_some_located
 
         assert isinstance(problem, Site)
-        require_some_located(photograph_files(problem.photographs), problem.photographs)
+        require_some_located(photograph_files(problem.photographs), problem.photographs, self._sources())
 
     def locate(self, site: Site, context: Context) -> Survey:
         """Read the metadata, place the cameras in the local frame, and refine them."""
@@ -60,7 +88,7 @@ class RtkPoses(PoseSource):
 
         folder = site.photographs
         files = photograph_files(folder)
-        records, digests = admit(files, folder, context)
+        records, digests = admit(files, folder, context, self._sources())
         flight = plan_flight(records, folder, self.origin, context)
         require_baseline(flight.positions, folder)
         require_orientations(flight, LEAST_PHOTOGRAPHS)
@@ -73,6 +101,20 @@ class RtkPoses(PoseSource):
         survey = survey_of(flight, solved, files, digests, correspondences.features)
         report(flight, solved, survey, context)
         return survey
+
+    def _sources(self) -> "Sources":
+        from slideframe.georeferencing import Heights
+        from slideframe_pose_rtk.altitude import AltitudeRules
+        from slideframe_pose_rtk.intake import Sources
+        from slideframe_pose_rtk.positions import PositionFiles
+
+        return Sources(
+            positions=PositionFiles(self.positions, self.positions_epsg, self.position_files),
+            altitudes=AltitudeRules(
+                Heights(geoid_offset=self.geoid_offset, geoid_grid=self.geoid_grid), self.unstated_altitude
+            ),
+            calibration=self.calibration,
+        )
 
     def _correspondences(
         self, flight: "Flight", digests: list[str], freedom: "Freedom", context: Context
