@@ -1,4 +1,4 @@
-"""The conformance kit on the six first-party plugins; they have no other contract tests."""
+"""The conformance kit on the first-party plugins; they have no other contract tests."""
 
 from slideframe.testing import parametrize_with_checks
 from slideframe_fill_poisson.filler import PoissonFiller

@@ -14,7 +14,7 @@ from slideframe.config import STAGE_KINDS
 
 DOCS = Path(__file__).parents[2] / "docs"
 README = DOCS.parent / "README.md"
-FIRST_PARTY = {"pose_rtk", "gs_torch", "render_gs", "fill_poisson", "mpm_warp", "mpm_taichi"}
+FIRST_PARTY = {"pose_rtk", "gs_torch", "gs_import", "render_gs", "fill_poisson", "mpm_warp", "mpm_taichi"}
 
 
 def printed(*arguments: str) -> str:

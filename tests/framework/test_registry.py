@@ -94,6 +94,7 @@ def test_the_first_party_plugins_are_listed_with_their_kinds():
         >= {
             "pose_rtk": "pose_source",
             "gs_torch": "reconstructor",
+            "gs_import": "reconstructor",
             "fill_poisson": "volume_filler",
             "mpm_warp": "solver",
             "mpm_taichi": "solver",

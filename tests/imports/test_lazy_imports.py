@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-BACKENDS = {"torch", "warp", "taichi", "open3d", "pycolmap", "pyproj", "numba", "rerun", "av", "scipy"}
-PLUGINS = ("pose_rtk", "gs_torch", "render_gs", "fill_poisson", "mpm_warp", "mpm_taichi")
+BACKENDS = {"torch", "warp", "taichi", "open3d", "pycolmap", "pyproj", "numba", "rerun", "av", "scipy", "gsply"}
+PLUGINS = ("pose_rtk", "gs_torch", "gs_import", "render_gs", "fill_poisson", "mpm_warp", "mpm_taichi")
 
 
 def imported_by(code: str) -> set[str]:
