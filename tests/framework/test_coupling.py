@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slideframe.coupling import LEAST_STRETCH, MOST_STRETCH, Coupling, MovedSplats, clamp_stretch, rotation_matrices
+from slideframe.coupling import LEAST_STRETCH, MOST_STRETCH, Coupling, MovedSplats, clamp_stretch
 from slideframe.errors import InputError
 from slideframe.products import Filling, ParticleFrame, SplatCloud
+from slideframe.rotations import rotation_matrices
 from slideframe.singular_values import decompose
 
 # float32 storage of quaternion and scales, relative to the largest entry of the covariance
@@ -162,3 +163,15 @@ def test_the_interior_is_bare_once_its_particle_has_gone_its_own_width(share, ba
     moved = affine(np.eye(3), np.array([0.0, 0.0, -share * width]))
     np.testing.assert_allclose(moved.opacities[8:], bare * INTERIOR.opacities, rtol=1e-5)
     np.testing.assert_array_equal(moved.opacities[:8], OBSERVED.opacities)
+
+
+def test_the_scar_stays_where_it_is_and_is_bare_once_the_ground_on_it_has_gone():
+    below = cloud(3, 1, 7).model_copy(update={"centers": filling().particle_positions[:3] - np.float32([0, 0, 0.4])})
+    below = SplatCloud(**{name: getattr(below, name)[:3] for name in SplatCloud.array_fields()})
+    ground = filling().model_copy(update={"scar": below})
+    coupling, start = Coupling(OBSERVED, ground), ground.particle_positions
+    for way, bare in ((0.0, 0.0), (0.5, 0.5), (2.0, 1.0)):
+        moved = coupling.at(frame(np.diag([1.2, 0.9, 1.0]), start + np.float32([way, 0, 0])))
+        np.testing.assert_array_equal(moved.centers[13:], below.centers)
+        np.testing.assert_array_equal(moved.scales[13:], below.scales)
+        np.testing.assert_allclose(moved.opacities[13:], bare * below.opacities, rtol=1e-5)

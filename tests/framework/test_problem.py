@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from slideframe.problem import BoxRegion, Sand, Simulation, SimulationProblem, View, Wall
+from slideframe.problem import BoxRegion, OrbitView, Sand, Simulation, SimulationProblem, Wall
+from slideframe.testing.ground_scenes import hillside_survey
 from slideframe.testing.solver_scenes import filling_of
 
 PAPER_SAND = {"friction_angle": 22, "density": 2000, "youngs_modulus": 5e7, "poisson_ratio": 0.3}
@@ -98,9 +99,9 @@ def test_grid_puts_the_walls_on_nodes():
     size=st.tuples(*[st.floats(1, 50)] * 3),
 )
 def test_the_view_camera_looks_at_the_centre_and_sees_all_corners(azimuth, elevation, corner, size):
-    view = View(azimuth=azimuth, elevation=elevation)
+    view = OrbitView(azimuth=azimuth, elevation=elevation)
     bounds = np.float32([corner, np.add(corner, size)])
-    camera, pose = view.camera(0.3, bounds)
+    camera, pose = view.shot(hillside_survey(), bounds)(0.3)
     rotation, place = pose[:, :3], pose[:, 3]
     assert np.allclose(rotation.T @ rotation, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1)
@@ -113,6 +114,6 @@ def test_the_view_camera_looks_at_the_centre_and_sees_all_corners(azimuth, eleva
 
 def test_azimuth_is_the_compass_direction_towards_the_camera():
     bounds = np.float32([[-1, -1, -1], [1, 1, 1]])
-    _, pose = View(azimuth=90, elevation=0, distance=10).camera(0, bounds)
+    _, pose = OrbitView(azimuth=90, elevation=0, distance=10).shot(hillside_survey(), bounds)(0)
     assert pose[:, 3] == pytest.approx([10, 0, 0], abs=1e-9)  # east
     assert pose[:, 1] == pytest.approx([0, 0, -1], abs=1e-9)  # image down is world down

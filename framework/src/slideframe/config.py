@@ -16,6 +16,7 @@ from slideframe.problem import (
     Boundary,
     FillingProblem,
     Material,
+    OrbitView,
     ProblemModel,
     Region,
     Simulation,
@@ -53,7 +54,7 @@ class RunConfig(ProblemModel):
     material: Material
     boundary: Boundary = Boundary()
     simulation: Simulation
-    view: View = View()
+    view: View = OrbitView()
     stages: StageChoice = StageChoice()
     plugins: dict[str, dict[str, Any]] = Field(default={}, description="options of each plugin, by its name")
     seed: int = Field(default=0, ge=0, description="seed of every random choice")

@@ -8,7 +8,9 @@ import numpy.typing as npt
 from slideframe.arrays import Float32Array, Float64Array
 from slideframe.errors import InputError
 from slideframe.products import Filling, ParticleFrame, SplatCloud
+from slideframe.rotations import quaternions_of, rotation_matrices
 from slideframe.singular_values import decompose
+from slideframe.veils import NO_PARTICLE, particles_over
 
 # A splat stretched further is a needle, squeezed further a hole in the ground.
 LEAST_STRETCH, MOST_STRETCH = 0.5, 2.0
@@ -16,13 +18,13 @@ LEAST_STRETCH, MOST_STRETCH = 0.5, 2.0
 
 @dataclass(frozen=True)
 class MovedSplats:
-    """All splats at one time: the observed ones in their order, then the interior.
+    """All splats at one time: the observed ones in their order, then the interior, then the scar.
 
     Attributes:
         centers: (splat, 3), m.
         rotations: (splat, 4), quaternions wxyz.
         scales: (splat, 3), standard deviations, m.
-        opacities: (splat,); those of interior splats grow from 0 as their particles leave their places.
+        opacities: (splat,); those of interior and scar grow from 0 as the particles that hide them leave.
         harmonics: (splat, coefficient, 3), as at t = 0; see `frame_rotations`.
         frame_rotations: (splat, 3, 3), rotation R of the ground about each splat since t = 0. A splat seen
             along d has the colour of its harmonics at R^T d, which is exact for every band.
@@ -47,7 +49,20 @@ class Coupling:
     MOST_STRETCH. Splats without a particle, and those whose particle is as at t = 0, keep their bits.
 
     An interior splat stays hidden while its particle is where it began, because what the photographs
-    showed is still there to be seen, and is bare once the particle has gone its own width.
+    showed is still there to be seen, and is bare once the particle has gone its own width; a splat of the
+    scar likewise, with the particle that lay nearest to it. It is bare from the start where none did.
+
+    Attributes:
+        rest: all splats at t = 0, none hidden.
+        moving: (row,), the splats that follow a particle.
+        particles: (carrier,), the particles that carry or hide splats, by their place in a frame.
+        carriers: (row,), the carrier of each moving splat, an index into `particles`.
+        start: (carrier, 3), positions at t = 0, m.
+        widths: (carrier,), edges of the cubes of soil that they stand for, m.
+        offsets: (row, 3), from carrier to splat at t = 0, m.
+        axes: (row, 3, 3), A = R S of each moving splat at t = 0, whose A A^T is the covariance, m.
+        veiled: (hidden,), the splats that are hidden at t = 0.
+        veils: (hidden,), the carrier whose leaving bares them.
     """
 
     def __init__(self, splats: SplatCloud, filling: Filling) -> None:
@@ -61,44 +76,52 @@ class Coupling:
                 f"the filling couples {len(filling.surface_particles)} splats but there are {len(splats)}",
                 cure="fill the volume anew from these splats",
             )
-        self._rest = _at_rest(splats, filling.interior)
-        carriers = np.concatenate([filling.surface_particles, filling.interior_particles])
-        self._moving = np.flatnonzero(carriers >= 0)
-        self._particles, self._carrier = np.unique(carriers[self._moving], return_inverse=True)
-        self._start = filling.particle_positions[self._particles].astype(np.float64)
-        self._offsets = self._rest.centers[self._moving].astype(np.float64) - self._start[self._carrier]
-        axes = rotation_matrices(self._rest.rotations[self._moving].astype(np.float64))
-        self._axes = axes * self._rest.scales[self._moving][:, None, :]
-        self._particle_count = len(filling.particle_positions)
-        self._interior = slice(len(splats), None)
-        self._interior_carriers = np.searchsorted(self._particles, filling.interior_particles)
-        self._widths = np.cbrt(filling.particle_volumes[self._particles].astype(np.float64))
+        self.rest = _at_rest(splats, filling.interior, filling.scar)
+        positions, volumes = filling.particle_positions, filling.particle_volumes
+        over = particles_over(filling.scar.centers, positions, float(np.cbrt(volumes.max(initial=0))))
+        static = np.full(len(filling.scar), NO_PARTICLE)
+        follows = np.concatenate([filling.surface_particles, filling.interior_particles, static])
+        hidden_by = np.concatenate([np.full(len(splats), NO_PARTICLE), filling.interior_particles, over])
+        self.moving = np.flatnonzero(follows != NO_PARTICLE)
+        self.veiled = np.flatnonzero(hidden_by != NO_PARTICLE)
+        used = np.concatenate([follows[self.moving], hidden_by[self.veiled]])
+        self.particles, places = np.unique(used, return_inverse=True)
+        self.carriers, self.veils = np.split(places, [len(self.moving)])
+        self.start = positions[self.particles].astype(np.float64)
+        self.widths = np.cbrt(volumes[self.particles].astype(np.float64))
+        self.offsets = self.rest.centers[self.moving].astype(np.float64) - self.start[self.carriers]
+        turned = rotation_matrices(self.rest.rotations[self.moving].astype(np.float64))
+        self.axes = turned * self.rest.scales[self.moving][:, None, :]
+        self._particle_count = len(positions)
 
     def __len__(self) -> int:
-        return len(self._rest)
+        return len(self.rest)
 
-    def at(self, frame: ParticleFrame) -> MovedSplats:
-        """Return every splat at the frame's time.
-
-        Raises:
-            InputError: the frame is of other particles than the filling's.
-        """
+    def require_particles_of(self, frame: ParticleFrame) -> None:
+        """Raise InputError where the frame is of other particles than the filling's."""
         if len(frame.positions) != self._particle_count:
             raise InputError(
                 f"the frame at {frame.time:g} s has {len(frame.positions)} particles, not {self._particle_count}",
                 cure="simulate this filling anew",
             )
-        positions = frame.positions[self._particles].astype(np.float64)
-        gradients = frame.deformation_gradients[self._particles].astype(np.float64)
-        changed = (positions != self._start).any(axis=1) | (gradients != np.eye(3)).any(axis=(1, 2))
+
+    def at(self, frame: ParticleFrame) -> MovedSplats:
+        """Return every splat at the frame's time, in float64 until the end.
+
+        Raises:
+            InputError: the frame is of other particles than the filling's.
+        """
+        self.require_particles_of(frame)
+        positions = frame.positions[self.particles].astype(np.float64)
+        gradients = frame.deformation_gradients[self.particles].astype(np.float64)
+        changed = (positions != self.start).any(axis=1) | (gradients != np.eye(3)).any(axis=(1, 2))
         gradients[changed], turned = clamp_stretch(gradients[changed])
         rotations = np.tile(np.eye(3), (len(gradients), 1, 1))
         rotations[changed] = turned
-        rows = np.flatnonzero(changed[self._carrier])
-        opacities = self._rest.opacities.copy()
-        travelled = np.linalg.norm(positions - self._start, axis=1)
-        opacities[self._interior] *= np.minimum(travelled / self._widths, 1.0)[self._interior_carriers]
-        return self._place(rows, positions, gradients, rotations, opacities)
+        opacities = self.rest.opacities.copy()
+        travelled = np.linalg.norm(positions - self.start, axis=1)
+        opacities[self.veiled] *= np.minimum(travelled / self.widths, 1.0)[self.veils]
+        return self._place(np.flatnonzero(changed[self.carriers]), positions, gradients, rotations, opacities)
 
     def _place(
         self,
@@ -109,12 +132,12 @@ class Coupling:
         opacities: Float32Array,
     ) -> MovedSplats:
         """Copy the splats at rest and overwrite the moved ones; `rows` index the moving splats."""
-        rest, splat, carrier = self._rest, self._moving[rows], self._carrier[rows]
+        rest, splat, carrier = self.rest, self.moving[rows], self.carriers[rows]
         centers, quaternions, scales = rest.centers.copy(), rest.rotations.copy(), rest.scales.copy()
         turned = rest.frame_rotations.copy()
         F = gradients[carrier]
-        centers[splat] = positions[carrier] + (F @ self._offsets[rows, :, None])[:, :, 0]
-        axes, sizes, _ = decompose(F @ self._axes[rows])
+        centers[splat] = positions[carrier] + (F @ self.offsets[rows, :, None])[:, :, 0]
+        axes, sizes, _ = decompose(F @ self.axes[rows])
         quaternions[splat], scales[splat] = quaternions_of(axes), sizes
         turned[splat] = rotations[carrier]
         return MovedSplats(centers, quaternions, scales, opacities, rest.harmonics, turned)
@@ -128,50 +151,15 @@ def clamp_stretch(gradients: Float64Array) -> tuple[Float64Array, Float64Array]:
     return clamped, left @ right.transpose(0, 2, 1)
 
 
-def rotation_matrices(quaternions: Float64Array) -> Float64Array:
-    """Return (n, 3, 3) from quaternions wxyz (n, 4) of any length but zero."""
-    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.array(rows).transpose(2, 0, 1)
-
-
-def quaternions_of(matrices: Float64Array) -> Float64Array:
-    """Return unit quaternions wxyz (n, 4) of rotations (n, 3, 3), from the largest of the four components."""
-    m = matrices
-    xx, yy, zz = m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]
-    sum_x, sum_y, sum_z = m[:, 2, 1] + m[:, 1, 2], m[:, 0, 2] + m[:, 2, 0], m[:, 1, 0] + m[:, 0, 1]
-    turn_x, turn_y, turn_z = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]
-    # row k is 4 q_k q
-    candidates = np.array(
-        [
-            [1 + xx + yy + zz, turn_x, turn_y, turn_z],
-            [turn_x, 1 + xx - yy - zz, sum_z, sum_y],
-            [turn_y, sum_z, 1 - xx + yy - zz, sum_x],
-            [turn_z, sum_y, sum_x, 1 - xx - yy + zz],
-        ]
-    )
-    best = np.argmax(candidates[range(4), range(4)], axis=0)
-    chosen = candidates[best, :, np.arange(len(m))]
-    unit: Float64Array = chosen / np.linalg.norm(chosen, axis=1, keepdims=True)
-    return unit
-
-
-def _at_rest(splats: SplatCloud, interior: SplatCloud) -> MovedSplats:
-    """Join the observed splats and the interior; missing coefficients are zero."""
-    coefficients = max(splats.harmonics.shape[1], interior.harmonics.shape[1])
+def _at_rest(*clouds: SplatCloud) -> MovedSplats:
+    """Join the clouds; missing coefficients are zero."""
+    coefficients = max(cloud.harmonics.shape[1] for cloud in clouds)
     harmonics = [
-        np.pad(cloud.harmonics, ((0, 0), (0, coefficients - cloud.harmonics.shape[1]), (0, 0)))
-        for cloud in (splats, interior)
+        np.pad(cloud.harmonics, ((0, 0), (0, coefficients - cloud.harmonics.shape[1]), (0, 0))) for cloud in clouds
     ]
-    return MovedSplats(
-        np.concatenate([splats.centers, interior.centers]),
-        np.concatenate([splats.rotations, interior.rotations]),
-        np.concatenate([splats.scales, interior.scales]),
-        np.concatenate([splats.opacities, interior.opacities]),
-        np.concatenate(harmonics),
-        np.tile(np.eye(3, dtype=np.float32), (len(splats) + len(interior), 1, 1)),
-    )
+    joined = {
+        name: np.concatenate([getattr(cloud, name) for cloud in clouds])
+        for name in ("centers", "rotations", "scales", "opacities")
+    }
+    still = np.tile(np.eye(3, dtype=np.float32), (sum(map(len, clouds)), 1, 1))
+    return MovedSplats(**joined, harmonics=np.concatenate(harmonics), frame_rotations=still)

@@ -11,6 +11,7 @@ from slideframe.config import STAGE_KINDS, RunConfig, StageChoice, validate
 from slideframe.device import Device
 from slideframe.errors import ConfigurationError
 from slideframe.guards import check_spacing
+from slideframe.problem import FileView
 from slideframe.stages import PoseSource, Reconstructor, Renderer, Solver, Stage, StageKind, VolumeFiller
 
 
@@ -32,6 +33,8 @@ class Crew:
 
     def preflight(self, config: RunConfig, device: Device) -> None:
         """Raise the first reason for which a stage could not do its part of this run."""
+        if isinstance(config.view, FileView):
+            config.view.require_files()
         for stage in self.stages():
             registry.require_backend(stage, self.listings[stage.name])
             stage.preflight(config.problem_of(stage.kind), device_for(stage, device))

@@ -8,14 +8,18 @@ from slideframe.bench import Bench, Keyed
 from slideframe.config import RunConfig
 from slideframe.crew import Crew
 from slideframe.errors import ConfigurationError
-from slideframe.problem import BoxRegion
+from slideframe.problem import BoxRegion, OrbitView, View
 from slideframe.products import Picture, Survey
+
+# Shares of the film at which the camera's way is checked.
+LOOKS_ON_THE_WAY = 21
 
 
 def run(config: RunConfig, crew: Crew, bench: Bench) -> Keyed[Sequence[Picture]]:
     """Carry the survey to moving pictures; every arrow points down."""
     survey = bench.step(crew.pose_source.locate, config.site)
     bench.check(require_region_in_survey, survey, config.region)
+    bench.check(require_view_of_survey, survey, config.view)
     splats = bench.step(crew.reconstructor.reconstruct, survey)
     filling = bench.step(crew.volume_filler.fill, survey, splats, config.filling_problem)
     motion = bench.step(crew.solver.solve, filling, config.simulation_problem)
@@ -45,3 +49,30 @@ def require_region_in_survey(survey: Survey, region: BoxRegion) -> None:
             cure=f"the survey covers x {low[0]:.1f} to {high[0]:.1f}, y {low[1]:.1f} to {high[1]:.1f}, "
             f"z {low[2]:.1f} to {high[2]:.1f} m east, north and up of its origin",
         )
+
+
+def require_view_of_survey(survey: Survey, view: View) -> None:
+    """Refuse a camera that somewhere on its way sees nothing of the survey; an orbit looks at the region by itself.
+
+    Raises:
+        ConfigurationError: with what the survey covers.
+        InputError: there is no photograph, file or view of a name.
+    """
+    points = survey.sparse_points.astype(np.float64)
+    if isinstance(view, OrbitView) or not len(points):
+        return
+    low, high = np.percentile(points, [1, 99], axis=0)
+    shot = view.shot(survey, np.stack([low, high]))
+    for share in np.linspace(0, 1, LOOKS_ON_THE_WAY):
+        camera, pose = shot(float(share))
+        x, y, z = ((points - pose[:, 3]) @ pose[:, :3]).T
+        ahead = np.maximum(z, np.finfo(float).tiny)
+        u, v = camera.focal_x * x / ahead + camera.principal_x, camera.focal_y * y / ahead + camera.principal_y
+        if not ((z > 0) & (u > 0) & (u < camera.width) & (v > 0) & (v < camera.height)).any():
+            place = ", ".join(f"{number:.1f}" for number in pose[:, 3])
+            raise ConfigurationError(
+                f"the camera sees nothing of the survey when {share:.0%} of the film has passed, from ({place}) m",
+                where="view",
+                cure=f"the survey covers x {low[0]:.1f} to {high[0]:.1f}, y {low[1]:.1f} to {high[1]:.1f}, "
+                f"z {low[2]:.1f} to {high[2]:.1f} m east, north and up of its origin",
+            )

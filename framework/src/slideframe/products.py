@@ -229,7 +229,29 @@ class ParticleFrame(Product):
 
 
 class Picture(Product):
-    """One rendered image of the film."""
+    """One rendered image of the film, and the maps of it that were asked for; the others are empty.
+
+    `depth` is along the view axis, the mean over what is seen of each pixel, 0 where nothing is. `alpha` is
+    the share of light that the scene holds back. `normal` are unit vectors in the local frame, towards the
+    camera, 0 where nothing is seen.
+    """
 
     time: float
     pixels: Annotated[UInt8Array, Array(("row", "column", 3), "uint8", "sRGB")]
+    depth: Annotated[Float32Array, Array(("depth_row", "depth_column"), "float32", "m")] = Field(
+        default_factory=lambda: np.zeros((0, 0), np.float32)
+    )
+    alpha: Annotated[Float32Array, Array(("alpha_row", "alpha_column"), "float32", "1")] = Field(
+        default_factory=lambda: np.zeros((0, 0), np.float32)
+    )
+    normal: Annotated[Float32Array, Array(("normal_row", "normal_column", 3), "float32", "1")] = Field(
+        default_factory=lambda: np.zeros((0, 0, 3), np.float32)
+    )
+
+    @model_validator(mode="after")
+    def _maps_fit(self) -> "Picture":
+        for name in ("depth", "alpha", "normal"):
+            shape = getattr(self, name).shape[:2]
+            if shape not in ((0, 0), self.pixels.shape[:2]):
+                raise ValueError(f"{name} has {shape} rows and columns, the picture {self.pixels.shape[:2]}")
+        return self

@@ -191,7 +191,7 @@ class RunFolder:
             return None
         positions = values["volume_filler"].particle_positions
         bounds = np.stack([positions.min(axis=0), positions.max(axis=0)])
-        _, pose = config.view.camera(0.0, bounds)
+        _, pose = config.view.shot(values["pose_source"], bounds)(0.0)
         return Eye(tuple(pose[:, 3]), tuple(bounds.mean(axis=0)))
 
     def _result(self, config: RunConfig, bench: Bench, appraisal: "Appraisal | None") -> dict[str, Any]:

@@ -7,10 +7,10 @@ import pytest
 import torch
 from PIL import Image
 
-from slideframe.coupling import rotation_matrices
 from slideframe.device import Device
 from slideframe.errors import InputError, StageFailed
 from slideframe.products import Camera, Georeference, Photograph, SplatCloud, Survey
+from slideframe.rotations import rotation_matrices
 from slideframe.stages import Context
 from slideframe_gs_torch import training
 from slideframe_gs_torch.densification import Schedule, densify

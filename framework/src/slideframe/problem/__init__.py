@@ -2,26 +2,32 @@
 
 from slideframe.problem.base import ProblemModel, Share, Vector, kind_of, kind_or, models_of
 from slideframe.problem.boundary import Boundary, Wall
+from slideframe.problem.camera_path import Shot
 from slideframe.problem.grid import Grid, place_grid
 from slideframe.problem.material import Material, Sand
 from slideframe.problem.region import BoxRegion, FillingProblem, Region
 from slideframe.problem.simulation import Simulation, SimulationProblem
 from slideframe.problem.site import Site
-from slideframe.problem.view import View
+from slideframe.problem.view import FileView, FlightView, OrbitView, SurveyView, View
 
 __all__ = [
     "Boundary",
     "BoxRegion",
+    "FileView",
     "FillingProblem",
+    "FlightView",
     "Grid",
     "Material",
+    "OrbitView",
     "ProblemModel",
     "Region",
     "Sand",
     "Share",
+    "Shot",
     "Simulation",
     "SimulationProblem",
     "Site",
+    "SurveyView",
     "Vector",
     "View",
     "Wall",

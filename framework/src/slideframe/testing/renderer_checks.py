@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slideframe.problem import View
+from slideframe.problem import OrbitView
 from slideframe.products import ParticleFrame, Picture
 from slideframe.stages import Renderer
 from slideframe.testing.evidence import assert_same, assert_valid, digest, fresh_context
@@ -13,8 +13,8 @@ from slideframe.testing.ground_scenes import hillside_filling, hillside_splats, 
 
 # Two pictures of a mass that moved by metres differ in at least this share of the pixels.
 CHANGED_SHARE = 0.02
-VIEW = View(width=160, height=90)
-VIEW = View(width=160, height=90)
+VIEW = OrbitView(width=160, height=90)
+VIEW = OrbitView(width=160, height=90)
 
 
 def check_one_picture_per_frame(stage: Renderer, scratch: Path) -> None:

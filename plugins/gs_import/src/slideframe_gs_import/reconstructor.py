@@ -7,7 +7,6 @@ import numpy as np
 from pydantic import Field
 
 from slideframe.arrays import Float64Array
-from slideframe.coupling import quaternions_of, rotation_matrices
 from slideframe.device import Device
 from slideframe.errors import InputError
 from slideframe.formats.camera_file import read_views
@@ -16,6 +15,7 @@ from slideframe.formats.splat_file import read_splats, require_reader
 from slideframe.harmonics import rotate_harmonics
 from slideframe.problem import ProblemModel
 from slideframe.products import SplatCloud, Survey
+from slideframe.rotations import quaternions_of, rotation_matrices
 from slideframe.stages import Context, Reconstructor
 from slideframe_gs_import.similarity import Similarity, between_cameras, spread
 

@@ -26,4 +26,4 @@ class SplatRenderer(Renderer):
         """Yield one picture per frame of the motion, in order, reading each frame once."""
         from slideframe_render_gs.film import pictures
 
-        return pictures(splats, filling, motion, view, context)
+        return pictures(survey, splats, filling, motion, view, context)
