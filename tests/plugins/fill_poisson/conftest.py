@@ -17,6 +17,12 @@ def context(tmp_path):
 
 
 @pytest.fixture(scope="session")
+def make_context(tmp_path_factory):
+    """One fresh context after the other."""
+    return lambda: Context(device=Device(), scratch=tmp_path_factory.mktemp("scratch"))
+
+
+@pytest.fixture(scope="session")
 def survey():
     """Eight cameras on a ring 30 m up and one straight above, all looking at the origin."""
     angle = np.arange(8) * np.pi / 4
@@ -70,7 +76,7 @@ def scatter():
     return scatter
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def box():
     def box(z_min=0.0, half=5.0, spacing=0.5):
         region = BoxRegion(x_min=-half, x_max=half, y_min=-half, y_max=half, z_min=z_min)

@@ -5,22 +5,41 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
+from slideframe.arrays import Float32Array, Float64Array
 from slideframe.errors import ConfigurationError, StageFailed
-from slideframe.problem import BoxRegion, FillingProblem
+from slideframe.problem import FillingProblem, Share
 from slideframe.products import Filling, SplatCloud, Survey
+from slideframe.release.grid import ReleaseGrid
+from slideframe.release.plan import Plan, plan_of
+from slideframe.release.slip_surface import release_grid
 from slideframe.stages import Context, VolumeFiller
+from slideframe_fill_poisson.appearance import SoilColors
 from slideframe_fill_poisson.coupling import STAYS, carriers
+from slideframe_fill_poisson.excavation import excavate, ground_of, room_above, soil_body
 from slideframe_fill_poisson.interior import Mode, interior_splats
-from slideframe_fill_poisson.lattice import Lattice, measure_volume, place_particles
+from slideframe_fill_poisson.lattice import Lattice, place_particles
+from slideframe_fill_poisson.rays import Body
+from slideframe_fill_poisson.scar import scar_splats
+from slideframe_fill_poisson.solids import GROUND, Mesh, Solid
 from slideframe_fill_poisson.support import (
     Support,
-    around,
+    distance_to,
     near_neighbors,
     outward_normals,
     solid_splats,
     surface_spacing,
+    widened,
+    within,
 )
-from slideframe_fill_poisson.surface import EXTRAPOLATED, INTERPOLATED, OBSERVED, Surface, cut_out, poisson_surface
+from slideframe_fill_poisson.surface import (
+    EXTRAPOLATED,
+    INTERPOLATED,
+    OBSERVED,
+    Surface,
+    poisson_sheet,
+    support_classes,
+    unsupported_rim,
+)
 
 LEAST_SUPPORT = 100  # splats; fewer don't make a surface
 STEPS = 6
@@ -30,7 +49,7 @@ class PoissonFiller(VolumeFiller):
     """Soil below a screened Poisson surface of the splats (Liang & Cheng 2026, section 3.3)."""
 
     name = "fill_poisson"
-    backend: ClassVar[tuple[str, ...]] = ("open3d", "scipy")
+    backend: ClassVar[tuple[str, ...]] = ("open3d", "scipy", "manifold3d")
 
     mode: Mode = Field(
         default="engineering",
@@ -39,6 +58,9 @@ class PoissonFiller(VolumeFiller):
     interior_opacity: float = Field(default=0.95, gt=0, le=1, description="opacity of interior splats")
     color_neighbours: int = Field(
         default=32, ge=1, le=1000, description="observed splats whose mean colours an interior one; the paper takes 1"
+    )
+    palette: tuple[tuple[Share, Share, Share], ...] = Field(
+        default=(), description="sRGB colours of the soil, in patches; none: those of the surface above"
     )
     minimum_opacity: float = Field(default=0.1, ge=0, lt=1, description="fainter splats don't support the surface")
     oversize_ratio: float = Field(
@@ -49,7 +71,9 @@ class PoissonFiller(VolumeFiller):
         default=3.0, gt=0, description="standard deviations of neighbour distance from which a splat floats"
     )
     normal_neighbors: int = Field(default=16, ge=3, le=200, description="neighbours that a normal is fitted to")
-    margin: float = Field(default=0.2, ge=0, le=2, description="ground around the region to mesh, in its longer side")
+    margin: float = Field(
+        default=0.5, ge=0.05, le=10, description="ground around the region to mesh, in lengths of its longer side"
+    )
     observed_spacings: float = Field(
         default=2.0, gt=0, description="surface within this many splat spacings of a splat counts as observed"
     )
@@ -66,58 +90,76 @@ class PoissonFiller(VolumeFiller):
     )
 
     def fill(self, survey: Survey, splats: SplatCloud, problem: FillingProblem, context: Context) -> Filling:
-        """Return the soil of the region, one particle to a lattice cell, and what rides on it."""
+        """Return the soil of the region, one particle to a lattice cell, what rides on it, and what stays."""
         region, spacing = problem.region, problem.particle_spacing
+        plan = plan_of(region)
         context.progress(0, STEPS)
-        support = self._support(survey, splats, region)
+        support = self._support(survey, splats, plan)
         context.progress(1, STEPS, support_splats=len(support.centers))
-        whole = poisson_surface(
-            support, self.observed_spacings * support.spacing, self.extrapolated_spacings * support.spacing
-        )
-        surface = cut_out(whole, around(whole.vertices, region, self._margin(region) / 2))
+        soil, grid = self._ground(support, plan, problem)
+        ground = ground_of(soil)
+        surface = Surface(ground.vertices.astype(np.float32), ground.triangles)
         context.progress(2, STEPS, vertices=len(surface.vertices))
-        lattice = Lattice(region, spacing)
-        self._report_support(surface, support, lattice, splats, context)
-        soil = surface.soil(*lattice.columns(), region.z_min)
-        positions, volumes = place_particles(soil, lattice)
-        _require_soil(positions, surface, region)
-        _report_volume(measure_volume(surface, lattice), volumes, context)
+        self._report_support(surface, support, plan, spacing, splats, context)
+        pit = excavate(soil, room_above(grid, plan, float(ground.vertices[:, 2].max())))
+        bounds = _bounds(plan, grid, pit.mass, surface)
+        positions, volumes = _particles(pit.mass, Lattice(bounds, spacing), context)
         context.progress(3, STEPS, particles=len(positions))
-        observed = _subset(splats, support.indices)
-        interior = interior_splats(
-            positions, surface, spacing, self.mode, self.interior_opacity, observed, self.color_neighbours
-        )
+        colors = SoilColors(_subset(splats, support.indices), surface.vertices, self.color_neighbours, self.palette)
+        body = _body(soil.mesh())
+        interior = interior_splats(positions, surface, body, spacing, self.mode, self.interior_opacity, colors)
         context.progress(4, STEPS)
-        moving = carriers(splats, positions, surface, region, spacing, self.standing_height)
+        scar = scar_splats(
+            pit.terrain.only(pit.terrain.origins != GROUND), surface, body, support.spacing, spacing, colors
+        )
+        moving = carriers(splats, positions, surface, plan, grid, spacing, self.standing_height)
         context.figure("moving_splats", int((moving != STAYS).sum()))
         context.progress(5, STEPS)
+        shown = _trimmed(ground, support, self._limits(support))
+        terrain = _trimmed(pit.terrain, support, self._limits(support))
         filling = Filling(
-            bounds=np.array(
-                [[region.x_min, region.y_min, region.z_min], [region.x_max, region.y_max, positions[:, 2].max()]],
-                np.float64,
-            ),
+            bounds=bounds,
             particle_positions=positions,
             particle_volumes=volumes,
             interior=interior,
             interior_particles=np.arange(len(positions), dtype=np.int32),
             surface_particles=moving,
-            surface_vertices=surface.vertices,
-            surface_triangles=surface.triangles,
-            surface_support=surface.support,
+            surface_vertices=shown.vertices.astype(np.float32),
+            surface_triangles=shown.triangles,
+            surface_support=support_classes(shown.vertices, support, *self._limits(support)),
+            terrain_vertices=terrain.vertices.astype(np.float32),
+            terrain_triangles=terrain.triangles,
+            scar=scar,
         )
         context.progress(STEPS, STEPS)
         return filling
 
-    def _margin(self, region: BoxRegion) -> float:
-        return self.margin * max(region.x_max - region.x_min, region.y_max - region.y_min)
+    def _margin(self, plan: Plan) -> float:
+        return self.margin * float((plan.bounds[1] - plan.bounds[0]).max())
 
-    def _support(self, survey: Survey, splats: SplatCloud, region: BoxRegion) -> Support:
+    def _limits(self, support: Support) -> tuple[float, float]:
+        return self.observed_spacings * support.spacing, self.extrapolated_spacings * support.spacing
+
+    def _ground(self, support: Support, plan: Plan, problem: FillingProblem) -> tuple[Solid, ReleaseGrid]:
+        """Return the soil around the region and the slip surface in it."""
+        sheet = poisson_sheet(support, self._limits(support)[0])
+        whole = Surface(sheet[0].astype(np.float32), sheet[1])
+        grid = release_grid(problem.region, plan, whole.top, problem.particle_spacing)
+        margin = self._margin(plan)
+        reach = widened(plan.bounds, margin)
+        scanned = np.array([support.centers.min(axis=0)[:2], support.centers.max(axis=0)[:2]])
+        rectangle = np.array([np.maximum(reach[0], scanned[0]), np.minimum(reach[1], scanned[1])])
+        return soil_body(sheet, rectangle, float(np.nanmin(grid.base))), grid
+
+    def _support(self, survey: Survey, splats: SplatCloud, plan: Plan) -> Support:
         """Choose the splats of the ground around the region."""
         solid = solid_splats(splats, self.minimum_opacity, self.oversize_ratio)
         _require(len(solid), "opaque enough", self.minimum_opacity, splats)
-        near = solid[around(splats.centers[solid], region, self._margin(region))]
-        if not around(splats.centers[near], region, 0.0).sum() >= LEAST_SUPPORT:
-            raise _outside(region, splats, "too few splats stand over the region")
+        # the sheet is cut a little inside the splats that it rests on
+        margin = 1.2 * self._margin(plan)
+        near = solid[within(splats.centers[solid], widened(plan.bounds, margin))]
+        if not within(splats.centers[near], plan.bounds).sum() >= LEAST_SUPPORT:
+            raise _outside(plan, splats, "too few splats stand over the region")
         kept = near[
             near_neighbors(splats.centers[near].astype(np.float64), self.outlier_neighbors, self.outlier_deviations)
         ]
@@ -126,33 +168,72 @@ class PoissonFiller(VolumeFiller):
         return Support(kept, centers, outward_normals(centers, survey, self.normal_neighbors, spacing), spacing)
 
     def _report_support(
-        self, surface: Surface, support: Support, lattice: Lattice, splats: SplatCloud, context: Context
+        self,
+        surface: Surface,
+        support: Support,
+        plan: Plan,
+        spacing: float,
+        splats: SplatCloud,
+        context: Context,
     ) -> None:
         """Report how much of the region's plan is seen, and refuse one that mostly isn't."""
-        x, y = lattice.columns()
+        x, y = Lattice(np.column_stack([plan.bounds, [0.0, 1.0]]), spacing).columns()
+        inside = plan.contains(x, y)
+        x, y = x[inside], y[inside]
         top = surface.top(x, y)
         meshed = np.isfinite(top)
         distance = np.full(len(x), np.inf)
-        distance[meshed] = _distance_to(support.centers, np.column_stack([x, y, top])[meshed])
-        limits = np.array([self.observed_spacings, self.extrapolated_spacings]) * support.spacing
-        classes = np.digitize(distance, limits, right=True)
+        distance[meshed] = distance_to(support.centers, np.column_stack([x, y, top])[meshed])
+        classes = np.digitize(distance, self._limits(support), right=True)
         shares = {kind: float((classes == kind).mean()) for kind in (OBSERVED, INTERPOLATED, EXTRAPOLATED)}
         context.figure("observed_share", shares[OBSERVED])
         context.figure("interpolated_share", shares[INTERPOLATED])
         context.figure("extrapolated_share", shares[EXTRAPOLATED])
         context.figure("splat_spacing_m", support.spacing)
         if shares[EXTRAPOLATED] > self.maximum_extrapolated_share:
-            raise _outside(lattice.region, splats, f"no splats support {shares[EXTRAPOLATED]:.0%} of the region")
+            raise _outside(plan, splats, f"no splats support {shares[EXTRAPOLATED]:.0%} of the region")
         if not meshed.all():
             context.warn(f"{1 - meshed.mean():.1%} of the region has no surface and was left without soil")
 
 
-def _report_volume(region_volume: float, volumes: np.ndarray, context: Context) -> None:
-    filled = float(volumes.sum(dtype=np.float64))
-    context.figure("region_volume_m3", region_volume)
-    context.figure("filled_volume_m3", filled)
-    context.figure("volume_error_percent", 100 * (filled / region_volume - 1))
+def _particles(mass: Solid, lattice: Lattice, context: Context) -> tuple[Float32Array, Float32Array]:
+    """Fill the mass, and let the particles share what is too thin for one of its own."""
+    positions, volumes = place_particles(_body(mass.mesh()).stretches(*lattice.columns()), lattice)
+    if not len(positions):
+        raise ConfigurationError(
+            f"the moving mass of {mass.volume:.3g} m3 is too thin for particles {lattice.spacing:g} m apart",
+            where="[simulation] grid_spacing",
+            cure="lower grid_spacing, or the base",
+        )
+    placed = float(volumes.sum(dtype=np.float64))
+    share = mass.volume / placed
+    context.figure("region_volume_m3", mass.volume)
+    context.figure("plan_area_m2", mass.plan_area())
     context.figure("particles", len(volumes))
+    context.figure("volume_rescaling_percent", 100 * (share - 1))
+    return positions, (volumes * share).astype(np.float32)
+
+
+def _bounds(plan: Plan, grid: ReleaseGrid, mass: Solid, surface: Surface) -> Float64Array:
+    """Return the lowest and the highest corner of the region's volume (2, 3), m."""
+    if mass.is_empty:
+        low, high = surface.vertices[:, 2].min(), surface.vertices[:, 2].max()
+        raise ConfigurationError(
+            f"no soil lies between the base z_min = {np.nanmin(grid.base):g} and the ground",
+            where="[region] z_min",
+            cure=f"lower z_min: the ground of the region spans z {low:.2f} to {high:.2f} m",
+        )
+    heights = mass.mesh().vertices[:, 2]
+    return np.column_stack([plan.bounds, [heights.min(), heights.max()]])
+
+
+def _trimmed(mesh: Mesh, support: Support, limits: tuple[float, float]) -> Mesh:
+    """Leave out the rim that no splat supports."""
+    return mesh.only(~unsupported_rim(mesh, support_classes(mesh.vertices, support, *limits)))
+
+
+def _body(mesh: Mesh) -> Body:
+    return Body(mesh.vertices.astype(np.float32), mesh.triangles)
 
 
 def _require(count: int, what: str, minimum_opacity: float, splats: SplatCloud) -> None:
@@ -164,20 +245,11 @@ def _require(count: int, what: str, minimum_opacity: float, splats: SplatCloud) 
         )
 
 
-def _require_soil(positions: np.ndarray, surface: Surface, region: BoxRegion) -> None:
-    if not len(positions):
-        low, high = surface.vertices[:, 2].min(), surface.vertices[:, 2].max()
-        raise ConfigurationError(
-            f"no soil lies between the base z_min = {region.z_min:g} and the ground",
-            where="[region] z_min",
-            cure=f"lower z_min: the ground of the region spans z {low:.2f} to {high:.2f} m",
-        )
-
-
-def _outside(region: BoxRegion, splats: SplatCloud, what: str) -> ConfigurationError:
+def _outside(plan: Plan, splats: SplatCloud, what: str) -> ConfigurationError:
     low, high = np.percentile(splats.centers, [1, 99], axis=0)
+    (west, south), (east, north) = plan.bounds
     return ConfigurationError(
-        f"{what} x {region.x_min:g} to {region.x_max:g}, y {region.y_min:g} to {region.y_max:g} m",
+        f"{what} x {west:g} to {east:g}, y {south:g} to {north:g} m",
         where="[region] x_min, x_max, y_min, y_max",
         cure=f"choose it within the scene, x {low[0]:.1f} to {high[0]:.1f}, y {low[1]:.1f} to {high[1]:.1f} m",
     )
@@ -185,10 +257,3 @@ def _outside(region: BoxRegion, splats: SplatCloud, what: str) -> ConfigurationE
 
 def _subset(splats: SplatCloud, indices: np.ndarray) -> SplatCloud:
     return SplatCloud(**{name: getattr(splats, name)[indices] for name in SplatCloud.array_fields()})
-
-
-def _distance_to(centers: np.ndarray, points: np.ndarray) -> np.ndarray:
-    from scipy.spatial import cKDTree
-
-    distances: np.ndarray = cKDTree(centers).query(points)[0]
-    return distances

@@ -1,54 +1,50 @@
-"""Particles on a lattice that fits the region exactly, their volumes adding up to the soil's."""
+"""Particles in a body, on a lattice that fits the body's plan, their volumes adding up to the body's."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from slideframe.arrays import Float32Array, Float64Array
-from slideframe.problem import BoxRegion
-from slideframe_fill_poisson.surface import Crossings, Surface
-
-MOST_LINES = 4_000_000  # lines that measure the volume, for memory's sake
+from slideframe_fill_poisson.rays import Crossings
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """Vertical columns of cells over the region's plan. The sides of a cell are within half a cell's share of
+    """Vertical columns of cells over a rectangle. The sides of a cell are within half a cell's share of
     `spacing`, so that whole cells fit; its height is `spacing` exactly.
+
+    Attributes:
+        bounds: lowest and highest corner of the body (2, 3), m; cells stand on the lowest.
+        spacing: of particles, m.
     """
 
-    region: BoxRegion
+    bounds: Float64Array
     spacing: float
 
     @property
     def shape(self) -> tuple[int, int]:
         """Columns along x and along y."""
-        return (
-            max(round((self.region.x_max - self.region.x_min) / self.spacing), 1),
-            max(round((self.region.y_max - self.region.y_min) / self.spacing), 1),
-        )
+        east, north = (max(round(float(side) / self.spacing), 1) for side in self._sides)
+        return east, north
 
     @property
     def cell_area(self) -> float:
         """Plan area of a column, m2."""
-        region, (east, north) = self.region, self.shape
-        return (region.x_max - region.x_min) * (region.y_max - region.y_min) / (east * north)
+        return float(np.prod(self._sides) / np.prod(self.shape))
 
-    def columns(self, refinement: int = 1) -> tuple[Float64Array, Float64Array]:
-        """Return x and y of the middle of every column (column,), each divided `refinement` times per side."""
-        region, (east, north) = self.region, self.shape
-        x = _middles(region.x_min, region.x_max, east * refinement)
-        y = _middles(region.y_min, region.y_max, north * refinement)
-        across, along = np.meshgrid(x, y, indexing="ij")
+    def columns(self) -> tuple[Float64Array, Float64Array]:
+        """Return x and y of the middle of every column (column,)."""
+        axes = [
+            low + (high - low) * (np.arange(count) + 0.5) / count
+            for low, high, count in zip(self.bounds[0], self.bounds[1], self.shape, strict=False)
+        ]
+        across, along = np.meshgrid(*axes, indexing="ij")
         return across.ravel(), along.ravel()
 
-
-def measure_volume(surface: Surface, lattice: Lattice) -> float:
-    """Return the soil's volume by columns narrower than the lattice's where the plan isn't vast, m3."""
-    refinement = int(np.clip(np.sqrt(MOST_LINES / np.prod(lattice.shape)), 1, 3))
-    soil = surface.soil(*lattice.columns(refinement), lattice.region.z_min)
-    lengths = soil.tops.astype(np.float64) - soil.bottoms
-    return float(lengths.sum() * lattice.cell_area / refinement**2)
+    @property
+    def _sides(self) -> Float64Array:
+        sides: Float64Array = self.bounds[1, :2] - self.bounds[0, :2]
+        return sides
 
 
 def place_particles(soil: Crossings, lattice: Lattice) -> tuple[Float32Array, Float32Array]:
@@ -59,7 +55,7 @@ def place_particles(soil: Crossings, lattice: Lattice) -> tuple[Float32Array, Fl
     takes all of it, less than two cells. A stretch of less than half a cell that misses every centre
     stays empty.
     """
-    spacing, base = lattice.spacing, lattice.region.z_min
+    spacing, base = lattice.spacing, float(lattice.bounds[0, 2])
     first = np.floor((soil.bottoms - base) / spacing + 0.5).astype(np.int64)
     last = np.ceil((soil.tops - base) / spacing - 0.5).astype(np.int64) - 1
     lengths = soil.tops - soil.bottoms
@@ -74,7 +70,3 @@ def place_particles(soil: Crossings, lattice: Lattice) -> tuple[Float32Array, Fl
     line = soil.lines[stretch]
     positions = np.column_stack([x[line], y[line], (low + high) / 2]).astype(np.float32)
     return positions, (lattice.cell_area * (high - low)).astype(np.float32)
-
-
-def _middles(low: float, high: float, count: int) -> Float64Array:
-    return low + (high - low) * (np.arange(count) + 0.5) / count

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from slideframe.arrays import Float32Array, Float64Array
-from slideframe.problem import BoxRegion
 from slideframe.products import SplatCloud, Survey
 
 SPACING_NEIGHBORS = 8
@@ -42,15 +41,15 @@ def solid_splats(splats: SplatCloud, minimum_opacity: float, oversize_ratio: flo
     return np.flatnonzero(opaque & (largest <= oversize_ratio * usual))
 
 
-def around(centers: Float32Array, region: BoxRegion, margin: float) -> np.ndarray:
-    """Tell which points stand above the region's plan, widened by `margin` metres."""
-    x, y = centers[:, 0], centers[:, 1]
-    inside: np.ndarray = (
-        (x >= region.x_min - margin)
-        & (x <= region.x_max + margin)
-        & (y >= region.y_min - margin)
-        & (y <= region.y_max + margin)
-    )
+def widened(rectangle: Float64Array, margin: float) -> Float64Array:
+    """Return a rectangle (2, 2) with its sides moved out by `margin` metres."""
+    wide: Float64Array = rectangle + np.array([[-margin], [margin]])
+    return wide
+
+
+def within(centers: Float32Array, rectangle: Float64Array) -> np.ndarray:
+    """Tell which points stand above a rectangle (2, 2) in plan, m."""
+    inside: np.ndarray = ((centers[:, :2] >= rectangle[0]) & (centers[:, :2] <= rectangle[1])).all(axis=1)
     return inside
 
 
@@ -120,6 +119,14 @@ def _seen(centers: Float64Array, survey: Survey, index: int, spacing: float) -> 
     hidden = depth[seen] > nearest[cells] + 2.7 * np.sqrt(SPLATS_PER_CELL) * spacing
     seen[np.flatnonzero(seen)[hidden]] = False
     return seen
+
+
+def distance_to(centers: Float64Array, points: Float64Array) -> Float64Array:
+    """Return how far each point is from the nearest of the centres (point,), m."""
+    from scipy.spatial import cKDTree
+
+    distances: Float64Array = cKDTree(centers).query(points, workers=-1)[0]
+    return distances
 
 
 def _neighbor_distances(centers: Float64Array, neighbors: int) -> Float64Array:

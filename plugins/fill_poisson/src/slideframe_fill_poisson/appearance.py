@@ -1,0 +1,95 @@
+"""What colour unseen soil has."""
+
+import numpy as np
+import numpy.typing as npt
+
+from slideframe.arrays import Float32Array, Int32Array
+from slideframe.products import SplatCloud
+
+HARMONIC_0 = 0.28209479177387814  # zeroth real spherical harmonic, 1 / (2 sqrt(pi))
+PATCH_SPACINGS = 2.0  # side of the patches of soil that have one shade, in particle spacings
+# Grass and shadows end at the surface: its colours fade with depth into the usual one of the region.
+FADING_DEPTH = 1.0  # m at which 1 / e of the surface's own colour is left
+SHADE = 0.06  # largest deviation of a patch's brightness, sRGB
+QUERIES_AT_ONCE = 200_000
+
+UInt64Array = npt.NDArray[np.uint64]
+Color = tuple[float, float, float]
+
+
+class SoilColors:
+    """Base colours of soil: the surface's nearby, or a palette's."""
+
+    def __init__(self, observed: SplatCloud, ground: Float32Array, neighbors: int, palette: tuple[Color, ...]) -> None:
+        """Look colours up for the vertices of the ground's surface.
+
+        Args:
+            observed: splats of the surface.
+            ground: vertices of the surface (vertex, 3), m.
+            neighbors: splats whose mean colours the soil; with 1, each point takes its own nearest one's.
+            palette: sRGB colours to choose from instead; empty: the surface's.
+        """
+        self._observed, self._neighbors, self._palette = observed, neighbors, palette
+        self._of_vertex = None if palette or neighbors == 1 else _mean_colors(ground, observed, neighbors)
+        self._usual = _bare(observed.harmonics[:, 0])
+
+    def at(self, points: Float32Array, foot: Float32Array, vertex: Int32Array, spacing: float) -> Float32Array:
+        """Return the base colour (point, 1, 3) of soil at `points` (point, 3).
+
+        Args:
+            points: where, m.
+            foot: nearest point of the surface (point, 3), m.
+            vertex: vertex of the surface nearest to that (point,).
+            spacing: of the particles, m.
+        """
+        patch = _hash(points, PATCH_SPACINGS * spacing)
+        if self._palette:
+            chosen = (patch % np.uint64(len(self._palette))).astype(np.int64)
+            colors = (np.asarray(self._palette, np.float32)[chosen] - np.float32(0.5)) / np.float32(HARMONIC_0)
+        elif self._of_vertex is None:
+            colors = _mean_colors(foot, self._observed, 1)
+        else:
+            depth = np.linalg.norm(foot - points, axis=1)[:, None]
+            left = np.exp(-depth / FADING_DEPTH)
+            shade = (patch % np.uint64(2001)).astype(np.float32)[:, None] / 1000 - 1
+            deep = self._usual + (SHADE / HARMONIC_0) * shade
+            colors = left * self._of_vertex[vertex] + (1 - left) * deep
+        return np.ascontiguousarray(colors[:, None, :], np.float32)
+
+
+def _bare(colors: Float32Array) -> Float32Array:
+    """Return the median of the half of the base colours (splat, 3) with the least excess green.
+
+    Excess green 2 g - r - b tells plants from soil (Woebbecke et al. 1995).
+    """
+    greenness = 2 * colors[:, 1] - colors[:, 0] - colors[:, 2]
+    bare: Float32Array = np.median(colors[greenness <= np.median(greenness)], axis=0)
+    return bare
+
+
+def _mean_colors(points: Float32Array, observed: SplatCloud, neighbors: int) -> Float32Array:
+    """Return the mean base colour (point, 3) of the nearest splats, weighed by opacity.
+
+    One splat alone is a poor witness: splats overlap, and colours far outside 0 to 1 are common among them.
+    """
+    from scipy.spatial import cKDTree
+
+    count = min(neighbors, len(observed))
+    tree, base = cKDTree(observed.centers), observed.harmonics[:, 0]
+    colors = np.empty((len(points), 3), np.float32)
+    for first in range(0, len(points), QUERIES_AT_ONCE):
+        part = slice(first, first + QUERIES_AT_ONCE)
+        nearest = tree.query(points[part], k=count, workers=-1)[1].reshape(-1, count)
+        weights = observed.opacities[nearest][:, :, None]
+        colors[part] = (base[nearest] * weights).sum(axis=1) / weights.sum(axis=1)
+    return colors
+
+
+def _hash(points: Float32Array, size: float) -> UInt64Array:
+    """Return a number that is as good as random for each patch of `size` metres (point,)."""
+    patch = np.floor(points.astype(np.float64) / size).astype(np.int64).view(np.uint64)
+    # multiplicative hashing (Teschner et al. 2003, "Optimized spatial hashing"), then the murmur3 finaliser
+    mixed = patch[:, 0] * np.uint64(73856093) ^ patch[:, 1] * np.uint64(19349663) ^ patch[:, 2] * np.uint64(83492791)
+    mixed = (mixed ^ (mixed >> np.uint64(33))) * np.uint64(0xFF51AFD7ED558CCD)
+    shuffled: UInt64Array = mixed >> np.uint64(40)
+    return shuffled
