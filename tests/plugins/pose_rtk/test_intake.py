@@ -1,7 +1,10 @@
+import csv
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from slideframe.device import Device
 from slideframe.errors import InputError
@@ -111,3 +114,94 @@ def test_heights_of_another_datum_are_told_and_doubted(
     flight = plan_flight(records, folder, None, context)
     assert flight.position_sigma[1, 2] > 10 > flight.position_sigma[0, 2], "the geoid may lie tens of metres off"
     assert any("PressureAlt" in warning and "good1.JPG" in warning for warning in context.warnings)
+
+
+def test_the_planted_faults_of_a_real_survey(shared: Path, tmp_path: Path, photograph: Write, context: Context) -> None:
+    """Faults that a mapping community planted into its test data, beside the photographs they were made from."""
+    samples = shared / "data" / "metadata_samples"
+    good = _rows(samples / "agung2_1817_poses_exiftool.csv")
+    planted = _rows(samples / "agung2_issues.csv")
+    stems = {row["FileName"].partition("_D")[0] for row in planted}
+    beside = [row for row in good if row["FileName"].partition("_D")[0] in stems]
+    for shade, row in enumerate([*beside, *planted]):
+        values = {"GimbalRollDegree": "0", "GimbalYawDegree": row["FlightYawDegree"]}
+        values |= {name: row[name] for name in ("AbsoluteAltitude", "GimbalPitchDegree")}
+        values = {name: value for name, value in values.items() if value}
+        for name in ("Latitude", "Longitude"):
+            if row[f"GPS{name}"]:
+                values[f"Gps{name}"] = f"{_degrees(row[f'GPS{name}']):.7f}"
+        photograph(tmp_path / row["FileName"], values, shade=shade, taken=row["DateTimeOriginal"])
+    kept = set(admitted(tmp_path, context))
+    fate = {row["FileName"]: row["FileName"] in kept for row in planted}
+    faults = ("MISSING_COORDS", "INVALID_COORD", "FAR_AWAY", "DUP", "MISSING_GIMBAL")  # the last lack a height too
+    for name, is_kept in fate.items():
+        assert is_kept != any(fault in name for fault in faults), name
+    assert {row["FileName"] for row in beside} <= kept
+    warned = "\n".join(context.warnings)
+    for name in ("DUP", "INVALID_COORD", "GIMBAL_UP"):
+        assert name in warned
+    assert "looks above the horizon" in warned
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(path.read_text().splitlines()))
+
+
+def _degrees(printed: str) -> float:
+    """Read exiftool's `8 deg 17' 39.30" S`."""
+    degrees, minutes, seconds = (float(number) for number in re.findall(r"[\d.]+", printed))
+    value = degrees + minutes / 60 + seconds / 3600
+    return -value if printed[-1] in "SW" else value
+
+
+def test_a_cut_off_photograph(folder: Path, context: Context) -> None:
+    path = folder / GOOD[2]
+    path.write_bytes(path.read_bytes()[:-40])
+    assert admitted(folder, context) == [GOOD[0], GOOD[1], GOOD[3]]
+    assert context.warnings == [f"{GOOD[2]} is left out: its picture is cut off: the file ends too early"]
+
+
+def test_where_positions_come_from_is_stated(folder: Path, context: Context) -> None:
+    (folder / "positions.csv").write_text("name,latitude,longitude,ellipsoidal_height\ngood1,22.2801,114.2,151\n")
+    source = RtkPoses(positions=folder / "positions.csv")
+    records, _ = admit(photograph_files(folder), folder, context, source._sources())
+    assert context.figures["positions_from"] == {"csv": 1.0, "xmp": 3.0}
+    assert [record.height for record in records] == [150.0, 151.0, 150.0, 150.0]
+    assert folder / "positions.csv" in source.input_files(Site(photographs=folder))
+
+
+def test_a_table_is_read_before_the_long_work(folder: Path) -> None:
+    (folder / "positions.csv").write_text("name,latitude,longitude,height\ngood1,22.2801,114.2,151\n")
+    with pytest.raises(InputError, match="unknown meaning: height"):
+        RtkPoses(positions=folder / "positions.csv").preflight(Site(photographs=folder), Device())
+    (folder / "cameras.toml").write_text("[[camera]]\n")
+    with pytest.raises(InputError, match="calibration"):
+        RtkPoses(calibration=folder / "cameras.toml").preflight(Site(photographs=folder), Device())
+
+
+def test_photographs_without_positions_and_a_table(folder: Path, photograph: Write, context: Context) -> None:
+    rows = [f"{name},{22.28 + 1e-4 * number},114.2,150" for number, name in enumerate(GOOD)]
+    for number, name in enumerate(GOOD):
+        photograph(folder / name, {}, shade=number)
+    (folder / "positions.csv").write_text("name,latitude,longitude,ellipsoidal_height\n" + "\n".join(rows))
+    source = RtkPoses(positions=folder / "positions.csv")
+    source.preflight(Site(photographs=folder), Device())
+    records, _ = admit(photograph_files(folder), folder, context, source._sources())
+    assert [record.position_source for record in records] == ["csv"] * 4
+
+
+def test_a_camera_without_focal_length_needs_a_calibration(
+    folder: Path, exif_photograph: Write, context: Context
+) -> None:
+    exif_photograph(folder / GOOD[0], 22.28, 114.2, 150.0)
+    assert admitted(folder, context) == GOOD[1:]
+    assert "no focal length" in context.warnings[0]
+    (folder / "cameras.toml").write_text("[[camera]]\nwidth = 64\nheight = 48\nfocal_x = 50.0\n")
+    source = RtkPoses(calibration=folder / "cameras.toml")
+    records, _ = admit(photograph_files(folder), folder, context, source._sources())
+    assert [record.path.name for record in records] == GOOD
+
+
+def test_one_word_on_the_geoid_only() -> None:
+    with pytest.raises(ValidationError, match="not both"):
+        RtkPoses(geoid_offset=1.0, geoid_grid=Path("geoid.tif"))

@@ -94,7 +94,7 @@ def _record(path: Path, exif: Exif, xmp: Xmp) -> PhotoRecord:
         **_accuracy(properties),
         **_lens(exif, properties),
     }
-    return PhotoRecord(**record, warnings=_warnings(exif, xmp))
+    return PhotoRecord(**record, warnings=_warnings(exif, xmp, gimbal))
 
 
 def _place(exif: Exif, properties: Properties) -> dict[str, Any]:
@@ -222,7 +222,7 @@ def _pix4d_lens(exif: Exif, properties: Properties) -> LensCalibration | None:
     )
 
 
-def _warnings(exif: Exif, xmp: Xmp) -> tuple[str, ...]:
+def _warnings(exif: Exif, xmp: Xmp, gimbal: Triple | None) -> tuple[str, ...]:
     """Return what is doubtful about the file."""
     warnings = []
     if xmp.disagreements:
@@ -235,6 +235,8 @@ def _warnings(exif: Exif, xmp: Xmp) -> tuple[str, ...]:
     flag = _number(xmp.properties, "RtkFlag")
     if flag is not None and not is_known_flag(int(flag)):
         warnings.append(f"has an RtkFlag of {flag:.0f}, which isn't known and counts as no fix")
+    if gimbal and gimbal[1] > 0:
+        warnings.append("looks above the horizon")
     if xmp.properties.get("SurveyingMode") == "0":
         warnings.append("was taken in a mode that isn't accurate enough for surveys, says the drone (SurveyingMode 0)")
     return tuple(warnings)
