@@ -13,7 +13,7 @@ from slideframe_gs_torch.rasterize import Raster, rasterize
 FORWARD_PSNR_DB = 60.0
 # float32 sums of some thousand terms against float64, relative to the largest gradient of the tensor
 GRADIENT_TOLERANCE = 1e-4
-# central differences of step 1e-6 in float64 lose half the digits
+# central differences of step 1e-8 in float64 lose more than half the digits
 DIFFERENCE_TOLERANCE = 1e-5
 
 CAMERA = Camera(width=90, height=70, focal_x=80.0, focal_y=85.0, principal_x=52.0, principal_y=30.0)
@@ -50,56 +50,154 @@ SCENES = {
     "edge of the image": with_splat(scene(40), [-2.0, -1.2, 3.0], [0.4, 0.2, 0.3]),
     "far outside": with_splat(scene(40), [30.0, 2.0, 3.0], [6.0, 0.4, 0.5]),
     "many on one pixel": [torch.cat([tensor] * 60) for tensor in scene(5)],
-    "one": scene(1),
+    "one": scene(1, seed=1),
 }
 
 
-def loss_of(raster: Raster, weights: torch.Tensor) -> torch.Tensor:
-    stacked = torch.cat([raster.colour, raster.alpha[..., None]], dim=2)
-    return (stacked * weights.to(stacked.dtype)).sum()
+POSE_TURNED = np.array([[0.98, 0.05, -0.19, 0.3], [-0.04, 1.0, 0.06, -0.2], [0.19, -0.05, 0.98, -0.5]])
+POSE_TURNED[:, :3] = np.linalg.qr(POSE_TURNED[:, :3])[0] * np.sign(np.diag(np.linalg.qr(POSE_TURNED[:, :3])[1]))
+BACKGROUND = (0.2, 0.3, 0.4)
 
 
-def gradients(splats, backend: str, dtype: torch.dtype) -> tuple[Raster, list[torch.Tensor]]:
+def loss_of(raster: Raster) -> torch.Tensor:
+    """A weighted sum of all there is in a raster."""
+    parts = [raster.colour, raster.alpha[..., None]]
+    if raster.depth is not None:
+        parts += [raster.depth[..., None], raster.median_depth[..., None]]
+    if raster.normals is not None:
+        parts.append(raster.normals)
+    stacked = torch.cat(parts, dim=2)
+    weights = torch.tensor(np.random.default_rng(7).normal(size=stacked.shape), dtype=stacked.dtype)
+    return (stacked * weights).sum()
+
+
+def gradients(splats, backend: str, dtype: torch.dtype, **options) -> tuple[Raster, list[torch.Tensor]]:
+    """The gradients of the five tensors, the pose and the background."""
     leaves = [tensor.to(dtype, copy=True).requires_grad_() for tensor in splats]
-    raster = rasterize(*leaves, camera=CAMERA, world_from_camera=POSE, background=(0.2, 0.3, 0.4), backend=backend)
-    weights = torch.tensor(np.random.default_rng(7).normal(size=(CAMERA.height, CAMERA.width, 4)))
-    loss_of(raster, weights).backward()
-    return raster, [leaf.grad for leaf in leaves]
+    pose = torch.tensor(options.pop("pose", POSE), dtype=torch.float64, requires_grad=True)
+    background = torch.tensor(BACKGROUND, dtype=dtype, requires_grad=True)
+    raster = rasterize(
+        *leaves, camera=CAMERA, world_from_camera=pose, background=background, backend=backend, **options
+    )
+    loss_of(raster).backward()
+    return raster, [leaf.grad for leaf in (*leaves, pose, background)]
 
 
-@pytest.mark.parametrize("name", SCENES)
-def test_kernels_agree_with_reference(name):
-    exact, exact_gradients = gradients(SCENES[name], "torch", torch.float64)
-    fast, fast_gradients = gradients(SCENES[name], "numba", torch.float32)
-    error = (fast.colour.double() - exact.colour).square().mean()
-    assert -10 * torch.log10(error + 1e-30) >= FORWARD_PSNR_DB
-    for kind, got, expected in zip(NAMES, fast_gradients, exact_gradients, strict=True):
+def assert_alike(splats, **options) -> None:
+    exact, exact_gradients = gradients(splats, "torch", torch.float64, **options)
+    fast, fast_gradients = gradients(splats, "numba", torch.float32, **options)
+    for plane in ("colour", "alpha", "depth", "median_depth", "normals"):
+        expected, got = getattr(exact, plane), getattr(fast, plane)
+        if expected is not None:
+            error = (got.detach().double() - expected.detach()).square().mean()
+            peak = expected.detach().abs().max().clamp_min(1)
+            assert 20 * torch.log10(peak) - 10 * torch.log10(error + 1e-30) >= FORWARD_PSNR_DB, plane
+    for kind, got, expected in zip((*NAMES, "pose", "background"), fast_gradients, exact_gradients, strict=True):
         assert torch.isfinite(got).all(), kind
         deviation = (got.double() - expected).norm() / expected.norm().clamp_min(1e-12)
         assert deviation <= GRADIENT_TOLERANCE, f"{kind}: {deviation:.2e}"
 
 
-@pytest.mark.parametrize("which", range(5), ids=NAMES)
-def test_reference_gradient_is_the_finite_difference(which):
-    splats = scene(12, seed=3)
-    _, exact = gradients(splats, "torch", torch.float64)
-    weights = torch.tensor(np.random.default_rng(7).normal(size=(CAMERA.height, CAMERA.width, 4)))
-    direction = torch.tensor(np.random.default_rng(1).normal(size=splats[which].shape)) * 1e-6
-
-    def shifted(sign: float) -> torch.Tensor:
-        moved = [tensor + sign * direction if i == which else tensor for i, tensor in enumerate(splats)]
-        raster = rasterize(*moved, camera=CAMERA, world_from_camera=POSE, background=(0.2, 0.3, 0.4), backend="torch")
-        return loss_of(raster, weights)
-
-    difference = (shifted(1) - shifted(-1)) / 2
-    assert difference == pytest.approx(float((exact[which] * direction).sum()), rel=DIFFERENCE_TOLERANCE)
+@pytest.mark.parametrize("name", SCENES)
+def test_kernels_agree_with_reference(name):
+    assert_alike(SCENES[name])
 
 
-def test_depth_is_the_distance_along_the_view_axis():
-    wall = [torch.tensor([[0.0, 0.0, 4.0]]), torch.tensor([[1.0, 0, 0, 0]]), torch.full((1, 3), 2.0)]
-    raster = rasterize(*wall, torch.tensor([0.95]), torch.rand(1, 3), camera=CAMERA, world_from_camera=POSE)
+def with_harmonics(splats: list[torch.Tensor], degree: int) -> list[torch.Tensor]:
+    random = np.random.default_rng(degree)
+    coefficients = 0.4 * random.normal(size=(len(splats[0]), (degree + 1) ** 2, 3))
+    return [*splats[:4], torch.tensor(coefficients, dtype=torch.float32).double()]
+
+
+@pytest.mark.parametrize("degree", range(4))
+def test_harmonics_agree_with_reference(degree):
+    assert_alike(with_harmonics(scene(60, seed=2), degree), pose=POSE_TURNED)
+
+
+def test_harmonics_turn_with_the_ground():
+    frames = np.linalg.qr(np.random.default_rng(5).normal(size=(60, 3, 3)))[0].astype(np.float32)
+    assert_alike(with_harmonics(scene(60, seed=2), 3), frame_rotations=frames)
+
+
+@pytest.mark.parametrize("name", ["random", "needle", "huge"])
+def test_anti_aliasing_agrees_with_reference(name):
+    assert_alike(SCENES[name], antialiased=True)
+
+
+def test_depth_and_normals_agree_with_reference():
+    assert_alike(with_harmonics(scene(80, seed=4), 1), pose=POSE_TURNED, depth=True, normals=True)
+
+
+@pytest.mark.parametrize("which", range(7), ids=(*NAMES, "pose", "background"))
+@pytest.mark.parametrize("antialiased", [False, True], ids=["plain", "antialiased"])
+def test_reference_gradient_is_the_finite_difference(which, antialiased):
+    options = {"depth": True, "normals": True, "antialiased": antialiased}
+    inputs = [*with_harmonics(scene(12, seed=3), 3), torch.tensor(POSE_TURNED), torch.tensor(BACKGROUND).double()]
+    leaves = [tensor.clone().requires_grad_() for tensor in inputs]
+
+    def loss(*tensors: torch.Tensor) -> torch.Tensor:
+        *splats, pose, background = tensors
+        return loss_of(
+            rasterize(*splats, camera=CAMERA, world_from_camera=pose, background=background, backend="torch", **options)
+        )
+
+    loss(*leaves).backward()
+    # so small a step that no pixel crosses the threshold of alpha
+    direction = torch.tensor(np.random.default_rng(1).normal(size=inputs[which].shape)) * 1e-8
+    shifted = [
+        [tensor + sign * direction if i == which else tensor for i, tensor in enumerate(inputs)] for sign in (1, -1)
+    ]
+    difference = (loss(*shifted[0]) - loss(*shifted[1])) / 2
+    assert difference == pytest.approx(float((leaves[which].grad * direction).sum()), rel=DIFFERENCE_TOLERANCE)
+
+
+def wall() -> list[torch.Tensor]:
+    """One wide splat 4 m ahead, thinnest along the view axis."""
+    return [
+        torch.tensor([[0.0, 0.0, 4.0]]), torch.tensor([[1.0, 0, 0, 0]]), torch.tensor([[2.0, 2.0, 0.1]]),
+        torch.tensor([0.95]), torch.rand(1, 3),
+    ]  # fmt: skip
+
+
+def test_depth_is_the_distance_along_the_view_axis_and_normals_look_back():
+    raster = rasterize(*wall(), camera=CAMERA, world_from_camera=POSE, depth=True, normals=True)
     assert raster.depth[30, 52] == pytest.approx(4.0, rel=1e-5)
+    assert raster.median_depth[30, 52] == pytest.approx(4.0, rel=1e-5)
     assert raster.alpha[30, 52] == pytest.approx(0.95, abs=1e-3)
+    assert raster.normals[30, 52].tolist() == pytest.approx([0, 0, -1], abs=1e-5)
+
+
+def test_median_depth_is_that_of_the_splat_that_takes_half_the_light():
+    splats = [torch.cat([tensor] * 3) for tensor in wall()]
+    splats[0][:, 2] = torch.tensor([4.0, 2.0, 3.0])
+    splats[3] = torch.tensor([0.9, 0.3, 0.4])
+    raster = rasterize(*splats, camera=CAMERA, world_from_camera=POSE, depth=True)
+    # light left behind them, near to far: 0.7, 0.42, 0.04
+    assert raster.median_depth[30, 52] == pytest.approx(3.0, rel=1e-5)
+    splats[3] = torch.tensor([0.1, 0.1, 0.1])
+    assert rasterize(*splats, camera=CAMERA, world_from_camera=POSE, depth=True).median_depth[30, 52] == 0
+
+
+def test_a_small_splat_keeps_its_light_with_anti_aliasing():
+    """What a splat far below a pixel sends is its own opacity times its own area, at any distance."""
+    light = []
+    for distance in (20.0, 40.0):
+        dot = [torch.tensor([[0.0, 0.0, distance]]), torch.tensor([[1.0, 0, 0, 0]]), torch.full((1, 3), 0.05)]
+        raster = rasterize(
+            *dot, torch.tensor([0.9]), torch.ones(1, 3), camera=CAMERA, world_from_camera=POSE, antialiased=True
+        )
+        sigma = 0.05 * np.sqrt(CAMERA.focal_x * CAMERA.focal_y) / distance
+        light.append(float(raster.alpha.sum()) / (0.9 * 2 * np.pi * sigma**2))
+    # what lies below alpha 1/255 is cut off
+    assert light == pytest.approx([1.0, 1.0], abs=0.15)
+
+
+def test_tensors_that_do_not_fit_are_refused():
+    splats = scene(3)
+    with pytest.raises(InputError, match=r"'scales' has shape \(2, 3\)"):
+        rasterize(*splats[:2], splats[2][:2], *splats[3:], camera=CAMERA, world_from_camera=POSE)
+    with pytest.raises(InputError, match="harmonics of degree 0 to 3"):
+        rasterize(*splats[:4], torch.zeros(3, 5, 3), camera=CAMERA, world_from_camera=POSE)
 
 
 def test_a_pixel_sees_the_splat_at_its_centre():

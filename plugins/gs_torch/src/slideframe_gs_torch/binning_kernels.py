@@ -1,18 +1,16 @@
-"""Which splats touch which 16 x 16 tile, in order of depth, compiled for the CPU.
-
-All of it takes a few milliseconds on one thread, less than threads would lose by waiting for each other
-on a busy machine.
-"""
+"""Which splats touch which 16 x 16 tile, and in which pixel rows, in order of depth, compiled for the CPU."""
 
 import math
 
 import numpy as np
 from numba import njit
 
-from slideframe_gs_torch.projection_kernels import DEPTH, EXTENT_X, EXTENT_Y, MEAN_X, MEAN_Y, conic_of
+from slideframe_gs_torch.projection_kernels import DEPTH, EXTENT_X, EXTENT_Y, HALF_CHORD, MEAN_X, MEAN_Y, SLOPE, TOP_X
 
 TILE = 16
 RADIX_BITS = 11
+# Rows are clipped outside the ellipse by this much, since its numbers are float32: px, and a share of its height.
+CLIP_MARGIN, CLIP_SHARE = 0.01, 5e-4
 
 
 @njit(cache=True, error_model="numpy")
@@ -49,87 +47,115 @@ def depth_order(screen):
     return order
 
 
-@njit(cache=True, error_model="numpy")
-def tile_row_span(splat, tile_row, columns):
-    """Return the first tile and one past the last tile of a row that the splat's ellipse touches.
+@njit(nogil=True, cache=True, error_model="numpy")
+def gather(first_task, last_task, order, screen, ordered):
+    """Copy the visible splats' rows into their order of depth."""
+    for i in range(first_task, last_task):
+        for column in range(screen.shape[1]):
+            ordered[i, column] = screen[order[i], column]
 
-    The ellipse a dx^2 + 2 b dx dy + c dy^2 = q reaches furthest right at dy = -b/c dx; where that point
-    lies outside the row, the nearest edge of the row decides.
-    """
-    a, b, c = conic_of(splat)
-    extent_x, extent_y = float(splat[EXTENT_X]), float(splat[EXTENT_Y])
-    low = max(tile_row * TILE - splat[MEAN_Y], -extent_y)
-    high = min((tile_row + 1) * TILE - splat[MEAN_Y], extent_y)
-    # extent_x = sqrt(q Sigma_xx) and Sigma_xx = c / det(conic)
-    reach = extent_x * extent_x * (a * c - b * b) / c
-    top = min(max(-b / c * extent_x, low), high)
-    right = (-b * top + math.sqrt(max(b * b * top * top - a * (c * top * top - reach), 0.0))) / a
-    bottom = min(max(b / c * extent_x, low), high)
-    left = (-b * bottom - math.sqrt(max(b * b * bottom * bottom - a * (c * bottom * bottom - reach), 0.0))) / a
-    first = math.floor((splat[MEAN_X] + left) / TILE)
-    last = math.floor((splat[MEAN_X] + right) / TILE) + 1
+
+@njit(cache=True, error_model="numpy")
+def tile_columns(splat, columns):
+    """Return the first tile column and one past the last that the splat's box touches."""
+    first = math.floor((splat[MEAN_X] - splat[EXTENT_X] - 0.5) / TILE)
+    last = math.floor((splat[MEAN_X] + splat[EXTENT_X] - 0.5) / TILE) + 1
     return min(max(first, 0), columns), min(max(last, 0), columns)
 
 
 @njit(cache=True, error_model="numpy")
-def tile_rows(splat, rows):
-    """Return the first tile row and one past the last that the splat's box touches."""
-    first = math.floor((splat[MEAN_Y] - splat[EXTENT_Y]) / TILE)
-    last = math.floor((splat[MEAN_Y] + splat[EXTENT_Y]) / TILE) + 1
-    return min(max(first, 0), rows), min(max(last, 0), rows)
+def strip_starts(screen, columns):
+    """Return where each splat's strips, its parts in one column of tiles, start (drawn + 1,)."""
+    starts = np.zeros(len(screen) + 1, np.int32)
+    for i in range(len(screen)):
+        first, last = tile_columns(screen[i], columns)
+        starts[i + 1] = starts[i] + max(last - first, 0)
+    return starts
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def clip_strips(first_task, last_task, screen, columns, height, starts, strips):
+    """Write the first pixel row of each strip and one past the last into `strips` (strip, 2).
+
+    The ellipse's upper and lower edge are y = slope x +- chord sqrt(1 - (x / extent)^2); the upper one is highest at
+    its top, or where the strip comes closest to it, and the lower one likewise, mirrored.
+    """
+    for i in range(first_task, last_task):
+        splat = screen[i]
+        extent, slope, chord, top = splat[EXTENT_X], splat[SLOPE], splat[HALF_CHORD], splat[TOP_X]
+        margin = CLIP_MARGIN + CLIP_SHARE * chord
+        column, _ = tile_columns(splat, columns)
+        for strip in range(starts[i], starts[i + 1]):
+            left = min(max(column * TILE + 0.5 - splat[MEAN_X], -extent), extent)
+            right = min(max(column * TILE + TILE - 0.5 - splat[MEAN_X], -extent), extent)
+            upper, lower = min(max(top, left), right), min(max(-top, left), right)
+            high = slope * upper + chord * math.sqrt(max((1 - upper / extent) * (1 + upper / extent), 0.0)) + margin
+            low = slope * lower - chord * math.sqrt(max((1 - lower / extent) * (1 + lower / extent), 0.0)) - margin
+            low, high = max(low, -splat[EXTENT_Y] - margin), min(high, splat[EXTENT_Y] + margin)
+            strips[strip, 0] = min(max(math.ceil(splat[MEAN_Y] + low - 0.5), 0), height)
+            strips[strip, 1] = min(max(math.floor(splat[MEAN_Y] + high - 0.5) + 1, strips[strip, 0]), height)
+            column += 1
 
 
 @njit(cache=True, error_model="numpy")
-def count_tiles(screen, order, columns, rows, counts):
-    """Write how many tiles each visible splat touches into `counts` (splat,)."""
-    for i in range(len(order)):
-        splat = screen[order[i]]
-        first_row, last_row = tile_rows(splat, rows)
-        total = 0
-        for row in range(first_row, last_row):
-            first, last = tile_row_span(splat, row, columns)
-            total += max(last - first, 0)
-        counts[order[i]] = total
+def count_entries(screen, order, columns, starts, strips, tile_counts, slot_starts, slot_counts):
+    """Count the splats of each tile, and the tiles of each splat, whose slots follow one another near to far.
+
+    Args:
+        screen: (drawn, SCREEN_COLUMNS), near to far.
+        order: (drawn,), which splat each row of `screen` is.
+        columns: tiles in a row.
+        starts: (drawn + 1,), where each splat's strips start.
+        strips: (strip, 2), pixel rows.
+        tile_counts: (tile,), zero, out.
+        slot_starts: (splat,), zero, out.
+        slot_counts: (splat,), zero, out.
+
+    Returns:
+        The number of slots.
+    """
+    slots = 0
+    for i in range(len(screen)):
+        column, _ = tile_columns(screen[i], columns)
+        slot_starts[order[i]] = slots
+        for strip in range(starts[i], starts[i + 1]):
+            if strips[strip, 1] > strips[strip, 0]:
+                first, last = strips[strip, 0] // TILE, (strips[strip, 1] - 1) // TILE
+                for row in range(first, last + 1):
+                    tile_counts[row * columns + column] += 1
+                slots += last + 1 - first
+            column += 1
+        slot_counts[order[i]] = slots - slot_starts[order[i]]
+    return slots
 
 
 @njit(cache=True, error_model="numpy")
-def list_tiles(screen, order, columns, rows, starts, slot_splats, slot_tiles):
-    """Write splat and tile of every slot; a splat's slots are adjacent, and nearer splats come first."""
-    for i in range(len(order)):
-        splat = screen[order[i]]
-        slot = starts[order[i]]
-        first_row, last_row = tile_rows(splat, rows)
-        for row in range(first_row, last_row):
-            first, last = tile_row_span(splat, row, columns)
-            for column in range(first, last):
-                slot_splats[slot] = order[i]
-                slot_tiles[slot] = row * columns + column
-                slot += 1
+def fill_entries(screen, columns, starts, strips, tile_starts, entry_splats, entry_slots, entry_rows):
+    """Write every tile's splats, near to far; a splat's slots are adjacent.
 
-
-@njit(cache=True, error_model="numpy")
-def slot_starts(order, counts):
-    """Return where each visible splat's slots start, and the number of slots."""
-    starts = np.zeros(len(counts), np.int64)
-    total = 0
-    for i in range(len(order)):
-        starts[order[i]] = total
-        total += counts[order[i]]
-    return starts, total
-
-
-@njit(cache=True, error_model="numpy")
-def tile_lists(slot_tiles, tile_count):
-    """Return the slots grouped by tile, in slot order, and where each tile's group starts."""
-    starts = np.zeros(tile_count + 1, np.int64)
-    for slot in range(len(slot_tiles)):
-        starts[slot_tiles[slot] + 1] += 1
-    for tile in range(tile_count):
-        starts[tile + 1] += starts[tile]
-    cursor = starts[:-1].copy()
-    slots = np.empty(len(slot_tiles), np.int32)
-    for slot in range(len(slot_tiles)):
-        tile = slot_tiles[slot]
-        slots[cursor[tile]] = slot
-        cursor[tile] += 1
-    return slots, starts
+    Args:
+        screen: (drawn, SCREEN_COLUMNS), near to far.
+        columns: tiles in a row.
+        starts: (drawn + 1,), where each splat's strips start.
+        strips: (strip, 2), pixel rows.
+        tile_starts: (tile + 1,), where each tile's entries start.
+        entry_splats: (entry,), out, rows of `screen`.
+        entry_slots: (entry,), out, where the entry's gradient goes.
+        entry_rows: (entry, 2), out, first pixel row within the tile and one past the last.
+    """
+    cursor = tile_starts[:-1].copy()
+    slot = 0
+    for i in range(len(screen)):
+        column, _ = tile_columns(screen[i], columns)
+        for strip in range(starts[i], starts[i + 1]):
+            low, high = strips[strip, 0], strips[strip, 1]
+            if high > low:
+                for row in range(low // TILE, (high - 1) // TILE + 1):
+                    tile = row * columns + column
+                    k = cursor[tile]
+                    cursor[tile] += 1
+                    entry_splats[k], entry_slots[k] = i, slot
+                    entry_rows[k, 0] = max(low - row * TILE, 0)
+                    entry_rows[k, 1] = min(high - row * TILE, TILE)
+                    slot += 1
+            column += 1

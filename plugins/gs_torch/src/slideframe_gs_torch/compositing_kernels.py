@@ -1,9 +1,12 @@
 """Front-to-back compositing of tiles and its gradient, compiled for the CPU.
 
-A tile is a task of its own; inside it the splats are the outer loop and its rows of 16 pixels the
-inner one, all in one 1-D scratch buffer with constant offsets and unsigned indices: signed indices or
-several buffers cost the vectorisation of the rows, which is five to seven times the time. Every sum has
-one order, so images and gradients are the same bits for any number of threads.
+A tile is a task of its own; inside it the splats are the outer loop and the pixel rows that a splat reaches the
+inner one, all in one 1-D scratch buffer with constant offsets and unsigned indices: signed indices or several
+buffers cost the vectorisation of the rows, which is five to seven times the time (`benchmarks/splats.py` looks at
+the machine code). Every sum has one order, so images and gradients are the same bits for any number of threads.
+
+Distances are quarters of standard deviations and the opacity sits in the exponent: with x = log(opacity) / 8 -
+across^2 - along^2 a splat's alpha is exp(8 x), and at least 1/255 where x >= -log(255) / 8.
 """
 
 import math
@@ -12,48 +15,41 @@ import numpy as np
 from numba import njit
 
 from slideframe_gs_torch.binning_kernels import TILE
-from slideframe_gs_torch.projection_kernels import (
-    BLUE,
-    DEPTH,
-    EXTENT_Y,
-    GREEN,
-    MEAN_X,
-    MEAN_Y,
-    OPACITY,
-    RED,
-    ROOT_U,
-    ROOT_V,
-    ROOT_W,
-    SMALLEST_ALPHA,
-)
+from slideframe_gs_torch.projection_kernels import LOG_OPACITY, MEAN_X, MEAN_Y, ROOT_U, ROOT_V, ROOT_W, SMALLEST_ALPHA
 
 LARGEST_ALPHA = 0.99
 # A tile is left once no pixel passes more light than this (Kerbl et al. 2023); looked at every few splats.
-OPAQUE_TRANSMITTANCE = 1e-4
+OPAQUE_TRANSMITTANCE = np.float32(1e-5)
 SPLATS_BETWEEN_LOOKS = 8
+# Light left where a pixel counts as having reached the surface, for the median depth.
+MEDIAN_TRANSMITTANCE = np.float32(0.5)
 
-CHANNELS = 4  # red, green, blue, depth
+CHANNELS = 3
 
-# Where a tile's rows lie in the scratch buffer; the transmittance comes first.
-_PIXELS = np.uint64(TILE * TILE)
-_LANES = np.uint64(TILE)
-_AT_RED, _AT_GREEN, _AT_BLUE, _AT_DEPTH, _AT_LANE, _AT_ROW, _AT_REST = (np.uint64(k * TILE * TILE) for k in range(1, 8))
-_ONE, _ZERO, _HALF = np.float32(1.0), np.float32(0.0), np.float32(0.5)
-_LARGEST, _SMALLEST = np.float32(LARGEST_ALPHA), np.float32(SMALLEST_ALPHA)
+# Columns of a slot's gradient: moments of dL/dx in units of sigma (1, t, s, tt, ts, ss with t = u dx + v dy and
+# s = w dy), then weighted gradients of the three channels.
+MOMENT_COLUMNS = 9
+
+# Where a tile's planes lie in the scratch buffer; the transmittance comes first.
+PIXELS = np.uint64(TILE * TILE)
+LANES = np.uint64(TILE)
+AT_FIRST, AT_SECOND, AT_THIRD, AT_LANE, AT_ROW, AT_REST = (np.uint64(k * TILE * TILE) for k in range(1, 7))
+AT_MEDIAN = AT_FIRST
+SCRATCH = 7 * TILE * TILE
+# Vectors that straddle cache lines cost double.
+CACHE_LINE = 64
+
+_ONE, _ZERO, _QUARTER, _FOUR = np.float32(1.0), np.float32(0.0), np.float32(0.25), np.float32(4.0)
+_LARGEST, _FAINTEST = np.float32(LARGEST_ALPHA), np.float32(math.log(SMALLEST_ALPHA) / 8)
 
 # exp(x) on [-0.75, 0] to 9e-8 by Chebyshev; exp(8 x) by squaring three times
 _E0, _E1, _E2 = np.float32(1.0), np.float32(0.9999916954105753), np.float32(0.49986901666601263)
 _E3, _E4, _E5 = np.float32(0.16590582561057154), np.float32(0.03964097489255124), np.float32(0.00576105409858749)
-_QUARTER, _FOUR, _LOWEST = np.float32(0.25), np.float32(4.0), np.float32(-0.75)
 
 
 @njit(cache=True, fastmath=True, error_model="numpy", inline="always")
-def falloff(across, along):
-    """Return exp(8 x) with x = -across^2 - along^2; below x = -0.75, where alpha is under its threshold, exp(-6).
-
-    Distances are quarters of standard deviations: 8 (d / 4)^2 = d^2 / 2.
-    """
-    x = max(-(across * across + along * along), _LOWEST)
+def exp_of_eight(x):
+    """Return exp(8 x) for x in [-0.75, 0]; further down it is not to be looked at."""
     e = _E0 + x * (_E1 + x * (_E2 + x * (_E3 + x * (_E4 + x * _E5))))
     e = e * e
     e = e * e
@@ -61,144 +57,208 @@ def falloff(across, along):
 
 
 @njit(cache=True, error_model="numpy")
-def row_range(mean_y, extent_y, tile_y):
-    """Return the first row of the tile and one past the last whose pixel centres the splat reaches."""
-    first = math.ceil(mean_y - extent_y - tile_y - 0.5)
-    last = math.floor(mean_y + extent_y - tile_y - 0.5) + 1
-    return np.uint64(min(max(first, 0), TILE)), np.uint64(min(max(last, 0), TILE))
+def aligned_scratch():
+    """Return the zeroed buffer of a tile, on a cache line, with each pixel's lane and row written into it."""
+    room = np.zeros(SCRATCH + CACHE_LINE // 4, np.float32)
+    skipped = (CACHE_LINE - room.ctypes.data % CACHE_LINE) % CACHE_LINE // 4
+    scratch = room[skipped : skipped + SCRATCH]
+    for row in range(TILE):
+        for lane in range(TILE):
+            scratch[row * TILE + lane + 4 * TILE * TILE] = lane
+            scratch[row * TILE + lane + 5 * TILE * TILE] = row
+    return scratch
 
 
 @njit(cache=True, error_model="numpy")
-def number_pixels(scratch):
-    """Write each pixel's lane and row, so that one flat loop can run over whole rows."""
-    for row in range(TILE):
-        for lane in range(TILE):
-            scratch[row * TILE + lane + 5 * TILE * TILE] = lane
-            scratch[row * TILE + lane + 6 * TILE * TILE] = row
+def falloff_terms(splat, tile_x, tile_y):
+    """Return a, b, c, d, e, f with across = a lane + b row + c, along = d row + e, and f = log(opacity) / 8."""
+    u, v, w = 0.25 * splat[ROOT_U], 0.25 * splat[ROOT_V], 0.25 * splat[ROOT_W]
+    offset_x, offset_y = tile_x + 0.5 - splat[MEAN_X], tile_y + 0.5 - splat[MEAN_Y]
+    return (
+        np.float32(u), np.float32(v), np.float32(u * offset_x + v * offset_y),
+        np.float32(w), np.float32(w * offset_y), np.float32(0.125 * splat[LOG_OPACITY]),
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def pixels_passing(scratch):
+    """Return how many pixels still pass light."""
+    passing = np.uint32(0)
+    for pixel in range(PIXELS):
+        passing += np.uint32(scratch[pixel] > OPAQUE_TRANSMITTANCE)
+    return passing
+
+
+@njit(cache=True, error_model="numpy")
+def clear_tile(scratch, rows, lanes):
+    """Let all light pass the tile's pixels that lie in the image, and nothing be seen."""
+    scratch[: 4 * TILE * TILE] = 0.0
+    for row in range(rows):
+        for lane in range(lanes):
+            scratch[row * TILE + lane] = 1.0
 
 
 @njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
-def composite(first_task, last_task, screen, slots, slot_splats, tile_starts, columns, image, transmittance, processed):
-    """Fill `image` (CHANNELS, height, width), without background, and `transmittance` (height, width).
+def composite(
+    first_task, last_task, columns, screen, paint, tile_starts, entry_splats, entry_rows,
+    background, image, transmittance, processed,
+):  # fmt: skip
+    """Fill `image` (CHANNELS, height, width), over the background, and `transmittance` (height, width).
 
-    `processed` (tile,) receives how many of its slots each tile took before it was opaque.
+    Args:
+        first_task: the first tile.
+        last_task: one past the last tile.
+        columns: tiles in a row.
+        screen: (drawn, SCREEN_COLUMNS), near to far.
+        paint: (drawn, CHANNELS), what each splat shows.
+        tile_starts: (tile + 1,), where each tile's entries start.
+        entry_splats: (entry,), rows of `screen`.
+        entry_rows: (entry, 2), the first pixel row of the tile that the splat reaches and one past the last.
+        background: (CHANNELS,), float32.
+        image: out.
+        transmittance: out.
+        processed: (tile,), out: how many entries each tile took before it was opaque.
     """
     height, width = transmittance.shape
+    scratch = aligned_scratch()
     for tile in range(first_task, last_task):
-        scratch = np.zeros(TILE * TILE * 7, np.float32)
-        number_pixels(scratch)
-        for pixel in range(_PIXELS):
-            scratch[pixel] = _ONE
         tile_x, tile_y = (tile % columns) * TILE, (tile // columns) * TILE
+        rows, lanes = min(TILE, height - tile_y), min(TILE, width - tile_x)
+        clear_tile(scratch, rows, lanes)
         taken = 0
         for k in range(tile_starts[tile], tile_starts[tile + 1]):
-            splat = screen[slot_splats[slots[k]]]
-            u, v, w = _QUARTER * splat[ROOT_U], _QUARTER * splat[ROOT_V], _QUARTER * splat[ROOT_W]
-            opacity, red, green, blue, depth = splat[OPACITY], splat[RED], splat[GREEN], splat[BLUE], splat[DEPTH]
-            offset_x = np.float32(tile_x) + _HALF - splat[MEAN_X]
-            offset_y = np.float32(tile_y) + _HALF - splat[MEAN_Y]
-            first, last = row_range(splat[MEAN_Y], splat[EXTENT_Y], tile_y)
-            for i in range(first * _LANES, last * _LANES):
-                dx, dy = offset_x + scratch[i + _AT_LANE], offset_y + scratch[i + _AT_ROW]
-                across, along = u * dx + v * dy, w * dy
-                alpha = min(opacity * falloff(across, along), _LARGEST)
-                alpha = alpha if alpha >= _SMALLEST else _ZERO
-                weight = scratch[i] * alpha
+            splat = entry_splats[k]
+            a, b, c, d, e, f = falloff_terms(screen[splat], tile_x, tile_y)
+            first, second, third = paint[splat, 0], paint[splat, 1], paint[splat, 2]
+            for i in range(np.uint64(entry_rows[k, 0]) * LANES, np.uint64(entry_rows[k, 1]) * LANES):
+                across, along = a * scratch[i + AT_LANE] + (b * scratch[i + AT_ROW] + c), d * scratch[i + AT_ROW] + e
+                x = f - along * along - across * across
+                alpha = min(exp_of_eight(x), _LARGEST)
+                weight = scratch[i] * (alpha if x >= _FAINTEST else _ZERO)
                 scratch[i] -= weight
-                scratch[i + _AT_RED] += weight * red
-                scratch[i + _AT_GREEN] += weight * green
-                scratch[i + _AT_BLUE] += weight * blue
-                scratch[i + _AT_DEPTH] += weight * depth
+                scratch[i + AT_FIRST] += weight * first
+                scratch[i + AT_SECOND] += weight * second
+                scratch[i + AT_THIRD] += weight * third
             taken += 1
-            if taken % SPLATS_BETWEEN_LOOKS == 0:
-                brightest = _ZERO
-                for pixel in range(_PIXELS):
-                    brightest = max(brightest, scratch[pixel])
-                if brightest < OPAQUE_TRANSMITTANCE:
-                    break
+            if taken % SPLATS_BETWEEN_LOOKS == 0 and pixels_passing(scratch) == 0:
+                break
         processed[tile] = taken
-        for row in range(min(TILE, height - tile_y)):
-            for lane in range(min(TILE, width - tile_x)):
-                transmittance[tile_y + row, tile_x + lane] = scratch[row * TILE + lane]
+        for row in range(rows):
+            for lane in range(lanes):
+                left = scratch[row * TILE + lane]
+                transmittance[tile_y + row, tile_x + lane] = left
                 for channel in range(CHANNELS):
-                    image[channel, tile_y + row, tile_x + lane] = scratch[
-                        (channel + 1) * TILE * TILE + row * TILE + lane
-                    ]
+                    seen = scratch[(channel + 1) * TILE * TILE + row * TILE + lane]
+                    image[channel, tile_y + row, tile_x + lane] = seen + left * background[channel]
+
+
+@njit(cache=True, error_model="numpy")
+def load_gradient(scratch, tile_x, tile_y, rows, lanes, image, transmittance, d_image, d_transmittance):
+    """Start a tile's backward pass: all light, dL/dC, and what lies behind, <dL/dC, C> + dL/dT T.
+
+    C has the background in it, so its share of dL/dT is there already.
+    """
+    clear_tile(scratch, rows, lanes)
+    scratch[6 * TILE * TILE :] = 0.0
+    for row in range(rows):
+        for lane in range(lanes):
+            i, y, x = row * TILE + lane, tile_y + row, tile_x + lane
+            rest = transmittance[y, x] * d_transmittance[y, x]
+            for channel in range(CHANNELS):
+                scratch[i + (channel + 1) * TILE * TILE] = d_image[channel, y, x]
+                rest += d_image[channel, y, x] * image[channel, y, x]
+            scratch[i + 6 * TILE * TILE] = rest
 
 
 @njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 def composite_backward(
-    first_task,
-    last_task,
-    screen,
-    slots,
-    slot_splats,
-    tile_starts,
-    columns,
-    processed,
-    image,
-    transmittance,
-    d_image,
-    d_transmittance,
-    moments,
-):
+    first_task, last_task, columns, screen, paint, tile_starts, entry_splats, entry_rows,
+    entry_slots, processed, image, transmittance, d_image, d_transmittance, moments,
+):  # fmt: skip
     """Fill `moments` (slot, MOMENT_COLUMNS) with the pixels' gradients, one slot per splat and tile.
 
-    Goes front to back again. With e = <dL/dC, c> of a splat and the rest R = sum of w e over the splats
-    behind it + T_end dL/dT_end, dL/dalpha = T e - R / (1 - alpha). The moments are those of
-    alpha dL/dalpha = dL/dpower in units of sigma about the splat's mean; then come w dL/dC.
+    Goes front to back again. With s = <dL/dC, c> of a splat and the rest R = sum of w s over the splats
+    behind it + T_end dL/dT_end, dL/dalpha = T s - R / (1 - alpha). The moments are those of
+    alpha dL/dalpha = dL/d(8 x); then come w dL/dC. `entry_slots` (entry,) are rows of `moments`; see `composite`.
     """
     height, width = transmittance.shape
+    scratch = aligned_scratch()
     for tile in range(first_task, last_task):
-        scratch = np.zeros(TILE * TILE * 8, np.float32)
-        number_pixels(scratch)
         tile_x, tile_y = (tile % columns) * TILE, (tile // columns) * TILE
-        for row in range(min(TILE, height - tile_y)):
-            for lane in range(min(TILE, width - tile_x)):
-                i, y, x = row * TILE + lane, tile_y + row, tile_x + lane
-                scratch[i] = _ONE
-                rest = transmittance[y, x] * d_transmittance[y, x]
-                for channel in range(CHANNELS):
-                    scratch[i + (channel + 1) * TILE * TILE] = d_image[channel, y, x]
-                    rest += d_image[channel, y, x] * image[channel, y, x]
-                scratch[i + 7 * TILE * TILE] = rest
+        rows, lanes = min(TILE, height - tile_y), min(TILE, width - tile_x)
+        load_gradient(scratch, tile_x, tile_y, rows, lanes, image, transmittance, d_image, d_transmittance)
         for k in range(tile_starts[tile], tile_starts[tile] + processed[tile]):
-            slot = slots[k]
-            splat = screen[slot_splats[slot]]
-            u, v, w = _QUARTER * splat[ROOT_U], _QUARTER * splat[ROOT_V], _QUARTER * splat[ROOT_W]
-            opacity, red, green, blue, depth = splat[OPACITY], splat[RED], splat[GREEN], splat[BLUE], splat[DEPTH]
-            offset_x = np.float32(tile_x) + _HALF - splat[MEAN_X]
-            offset_y = np.float32(tile_y) + _HALF - splat[MEAN_Y]
-            first, last = row_range(splat[MEAN_Y], splat[EXTENT_Y], tile_y)
-            m_0 = m_t = m_s = m_tt = m_ts = m_ss = w_red = w_green = w_blue = w_depth = _ZERO
-            for i in range(first * _LANES, last * _LANES):
-                dx, dy = offset_x + scratch[i + _AT_LANE], offset_y + scratch[i + _AT_ROW]
-                across, along = u * dx + v * dy, w * dy
-                raw = opacity * falloff(across, along)
-                alpha = min(raw, _LARGEST)
-                alpha = alpha if alpha >= _SMALLEST else _ZERO
+            splat = entry_splats[k]
+            a, b, c, d, e, f = falloff_terms(screen[splat], tile_x, tile_y)
+            first, second, third = paint[splat, 0], paint[splat, 1], paint[splat, 2]
+            m_0 = m_t = m_s = m_tt = m_ts = m_ss = w_first = w_second = w_third = _ZERO
+            for i in range(np.uint64(entry_rows[k, 0]) * LANES, np.uint64(entry_rows[k, 1]) * LANES):
+                across, along = a * scratch[i + AT_LANE] + (b * scratch[i + AT_ROW] + c), d * scratch[i + AT_ROW] + e
+                x = f - along * along - across * across
+                raw = exp_of_eight(x)
+                alpha = min(raw, _LARGEST) if x >= _FAINTEST else _ZERO
                 weight = scratch[i] * alpha
-                g_red, g_green = scratch[i + _AT_RED], scratch[i + _AT_GREEN]
-                g_blue, g_depth = scratch[i + _AT_BLUE], scratch[i + _AT_DEPTH]
-                share = weight * (g_red * red + g_green * green + g_blue * blue + g_depth * depth)
-                rest = scratch[i + _AT_REST] - share
+                g_first, g_second, g_third = scratch[i + AT_FIRST], scratch[i + AT_SECOND], scratch[i + AT_THIRD]
+                share = weight * (g_first * first + g_second * second + g_third * third)
+                rest = scratch[i + AT_REST] - share
                 pull = share - alpha * rest / (_ONE - alpha)
                 pull = pull if raw < _LARGEST else _ZERO
                 scratch[i] -= weight
-                scratch[i + _AT_REST] = rest
+                scratch[i + AT_REST] = rest
+                pull_across, pull_along = pull * across, pull * along
                 m_0 += pull
-                m_t += pull * across
-                m_s += pull * along
-                m_tt += pull * across * across
-                m_ts += pull * across * along
-                m_ss += pull * along * along
-                w_red += weight * g_red
-                w_green += weight * g_green
-                w_blue += weight * g_blue
-                w_depth += weight * g_depth
-            out = moments[slot]
+                m_t += pull_across
+                m_s += pull_along
+                m_tt += pull_across * across
+                m_ts += pull_across * along
+                m_ss += pull_along * along
+                w_first += weight * g_first
+                w_second += weight * g_second
+                w_third += weight * g_third
+            out = moments[entry_slots[k]]
             out[0], out[1], out[2] = m_0, _FOUR * m_t, _FOUR * m_s
             out[3], out[4], out[5] = _FOUR * _FOUR * m_tt, _FOUR * _FOUR * m_ts, _FOUR * _FOUR * m_ss
-            out[6], out[7], out[8], out[9] = w_red, w_green, w_blue, w_depth
+            out[6], out[7], out[8] = w_first, w_second, w_third
         for k in range(tile_starts[tile] + processed[tile], tile_starts[tile + 1]):
-            moments[slots[k]] = _ZERO
+            moments[entry_slots[k]] = _ZERO
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def sum_paint(first_task, last_task, slot_starts, slot_counts, moments, d_paint):
+    """Sum each splat's gradients by what it shows over its tiles into `d_paint` (splat, CHANNELS)."""
+    for s in range(first_task, last_task):
+        for channel in range(CHANNELS):
+            total = 0.0
+            for k in range(slot_starts[s], slot_starts[s] + slot_counts[s]):
+                total += moments[k, 6 + channel]
+            d_paint[s, channel] = total
+
+
+@njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+def find_median(first_task, last_task, columns, screen, tile_starts, entry_splats, entry_rows, processed, median):
+    """Write the row of `screen` at which half of a pixel's light is gone into `median` (height, width), else -1.
+
+    The scratch buffer holds the row as a float32, which is exact up to 2^24 splats.
+    """
+    height, width = median.shape
+    scratch = aligned_scratch()
+    for tile in range(first_task, last_task):
+        tile_x, tile_y = (tile % columns) * TILE, (tile // columns) * TILE
+        rows, lanes = min(TILE, height - tile_y), min(TILE, width - tile_x)
+        clear_tile(scratch, rows, lanes)
+        scratch[TILE * TILE : 2 * TILE * TILE] = -1.0
+        for k in range(tile_starts[tile], tile_starts[tile] + processed[tile]):
+            splat = entry_splats[k]
+            a, b, c, d, e, f = falloff_terms(screen[splat], tile_x, tile_y)
+            index = np.float32(splat)
+            for i in range(np.uint64(entry_rows[k, 0]) * LANES, np.uint64(entry_rows[k, 1]) * LANES):
+                across, along = a * scratch[i + AT_LANE] + (b * scratch[i + AT_ROW] + c), d * scratch[i + AT_ROW] + e
+                x = f - along * along - across * across
+                alpha = min(exp_of_eight(x), _LARGEST) if x >= _FAINTEST else _ZERO
+                left = scratch[i] - scratch[i] * alpha
+                crossed = scratch[i] > MEDIAN_TRANSMITTANCE and left <= MEDIAN_TRANSMITTANCE
+                scratch[i + AT_MEDIAN] = index if crossed else scratch[i + AT_MEDIAN]
+                scratch[i] = left
+        for row in range(rows):
+            for lane in range(lanes):
+                median[tile_y + row, tile_x + lane] = np.int32(scratch[TILE * TILE + row * TILE + lane])

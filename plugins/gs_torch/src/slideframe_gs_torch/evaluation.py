@@ -6,7 +6,6 @@ import torch
 
 from slideframe.errors import InputError
 from slideframe.products import SplatCloud
-from slideframe_gs_torch.harmonics import evaluate_harmonics
 from slideframe_gs_torch.image_loss import structural_similarity
 from slideframe_gs_torch.rasterize import rasterize
 from slideframe_gs_torch.views import TrainingView
@@ -29,10 +28,8 @@ def draw_view(splats: SplatCloud, view: TrainingView, background: tuple[float, f
         torch.tensor(array)
         for array in (splats.centers, splats.rotations, splats.scales, splats.opacities, splats.harmonics)
     )
-    viewpoint = torch.tensor(view.world_from_camera[:, 3], dtype=torch.float32)
-    colours = evaluate_harmonics(harmonics, centers - viewpoint)
     raster = rasterize(
-        centers, rotations, scales, opacities, colours,
+        centers, rotations, scales, opacities, harmonics,
         camera=view.camera, world_from_camera=view.world_from_camera, background=background,
     )  # fmt: skip
     return raster.colour.permute(2, 0, 1).clamp(0, 1)

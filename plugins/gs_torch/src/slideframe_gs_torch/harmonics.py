@@ -7,9 +7,9 @@ from torch import Tensor
 
 C0 = 0.5 * math.sqrt(1 / math.pi)
 C1 = math.sqrt(3 / (4 * math.pi))
-_XY, _Z2, _X2Y2 = math.sqrt(15 / (4 * math.pi)), math.sqrt(5 / (16 * math.pi)), math.sqrt(15 / (16 * math.pi))
-_X3, _XYZ, _XZ2 = math.sqrt(35 / (32 * math.pi)), math.sqrt(105 / (4 * math.pi)), math.sqrt(21 / (32 * math.pi))
-_Z3, _X2Y2Z = math.sqrt(7 / (16 * math.pi)), math.sqrt(105 / (16 * math.pi))
+XY, Z2, X2Y2 = math.sqrt(15 / (4 * math.pi)), math.sqrt(5 / (16 * math.pi)), math.sqrt(15 / (16 * math.pi))
+X3, XYZ, XZ2 = math.sqrt(35 / (32 * math.pi)), math.sqrt(105 / (4 * math.pi)), math.sqrt(21 / (32 * math.pi))
+Z3, X2Y2Z = math.sqrt(7 / (16 * math.pi)), math.sqrt(105 / (16 * math.pi))
 
 
 def harmonics_basis(directions: Tensor, coefficients: int) -> Tensor:
@@ -20,16 +20,16 @@ def harmonics_basis(directions: Tensor, coefficients: int) -> Tensor:
         basis += [-C1 * y, C1 * z, -C1 * x]
     if coefficients > 4:
         xx, yy, zz = x * x, y * y, z * z
-        basis += [_XY * x * y, -_XY * y * z, _Z2 * (2 * zz - xx - yy), -_XY * x * z, _X2Y2 * (xx - yy)]
+        basis += [XY * x * y, -XY * y * z, Z2 * (2 * zz - xx - yy), -XY * x * z, X2Y2 * (xx - yy)]
     if coefficients > 9:
         basis += [
-            -_X3 * y * (3 * xx - yy),
-            _XYZ * x * y * z,
-            -_XZ2 * y * (4 * zz - xx - yy),
-            _Z3 * z * (2 * zz - 3 * xx - 3 * yy),
-            -_XZ2 * x * (4 * zz - xx - yy),
-            _X2Y2Z * z * (xx - yy),
-            -_X3 * x * (xx - 3 * yy),
+            -X3 * y * (3 * xx - yy),
+            XYZ * x * y * z,
+            -XZ2 * y * (4 * zz - xx - yy),
+            Z3 * z * (2 * zz - 3 * xx - 3 * yy),
+            -XZ2 * x * (4 * zz - xx - yy),
+            X2Y2Z * z * (xx - yy),
+            -X3 * x * (xx - 3 * yy),
         ]
     return torch.stack(basis, dim=1)
 

@@ -7,7 +7,6 @@ from torch import Tensor
 
 from slideframe.products import SplatCloud
 from slideframe_gs_torch.anisotropy import project_scales
-from slideframe_gs_torch.harmonics import evaluate_harmonics
 
 # Splats that no pixel can see (alpha below 1/255) are not exported.
 FAINTEST_OPACITY = 1 / 255
@@ -27,12 +26,11 @@ class Parameters:
     def __len__(self) -> int:
         return len(self.raw["centers"])
 
-    def splats(self, viewpoint: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-        """Return what `rasterize` draws from a viewpoint (3,)."""
+    def splats(self) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+        """Return what `rasterize` draws."""
         raw = self.raw
         harmonics = torch.cat([raw["base"], raw["rest"]], dim=1)
-        colours = evaluate_harmonics(harmonics, raw["centers"].detach() - viewpoint)
-        return raw["centers"], raw["rotations"], raw["log_scales"].exp(), raw["logits"].sigmoid(), colours
+        return raw["centers"], raw["rotations"], raw["log_scales"].exp(), raw["logits"].sigmoid(), harmonics
 
     def export(self, anisotropy_limit: float) -> SplatCloud:
         """Return the visible splats with the anisotropy limit strictly kept."""

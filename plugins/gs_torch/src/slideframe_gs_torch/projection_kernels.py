@@ -1,8 +1,10 @@
-"""Elliptical weighted average projection of splats and its gradient, compiled for the CPU.
+"""Elliptical weighted average projection of splats, compiled for the CPU.
 
-A task is one splat; arithmetic inside a splat is float64, because it is cheap there and the
-conic of a needle is badly conditioned. Formulas: Zwicker et al. 2002 (EWA splatting); the low-pass of
-0.3 px^2, the widened frustum of the Jacobian and the thresholds are those of Kerbl et al. 2023.
+A task is a block of splats, whose numbers are laid out column by column in one 1-D scratch buffer, so that the
+arithmetic runs in vectors; it is float64, because the covariance of a needle is badly conditioned. Formulas:
+Zwicker et al. 2002 (EWA splatting); the low-pass of 0.3 px^2, the widened frustum of the Jacobian and the
+thresholds are those of Kerbl et al. 2023; the opacity that makes up for the low-pass is that of Yu et al. 2024
+(Mip-Splatting), sqrt(det Sigma / det(Sigma + 0.3)).
 """
 
 import math
@@ -10,20 +12,29 @@ import math
 import numpy as np
 from numba import njit
 
-# Columns of the projected splat. Extents are half sizes of the box, in px, beyond which alpha < 1/255.
+# Columns of the projected splat. Extents are half sizes of the box, in px, beyond which alpha < 1/255; slope,
+# half chord and top describe the ellipse's edge y = slope x +- chord sqrt(1 - (x / extent)^2), highest at x = top.
 # The falloff is exp(-((u dx + v dy)^2 + (w dy)^2) / 2), with a Cholesky factor L of the conic K = L^T L, since
 # the conic itself loses a needle's width to cancellation in float32.
-MEAN_X, MEAN_Y, ROOT_U, ROOT_V, ROOT_W, EXTENT_X, EXTENT_Y, OPACITY, RED, GREEN, BLUE, DEPTH = range(12)
+(
+    MEAN_X, MEAN_Y, ROOT_U, ROOT_V, ROOT_W, LOG_OPACITY,
+    EXTENT_X, EXTENT_Y, SLOPE, HALF_CHORD, TOP_X, DEPTH,
+) = range(12)  # fmt: skip
 SCREEN_COLUMNS = 12
-
-# Columns of the gradient gathered from the pixels: moments of dL/dpower in units of sigma (1, t, s, tt, ts, ss
-# with t = u dx + v dy and s = w dy), then weighted pixel gradients (red, green, blue, depth).
-MOMENT_COLUMNS = 10
 
 LOW_PASS = 0.3
 NEAR = 0.2
 SMALLEST_ALPHA = 1.0 / 255.0
 FRUSTUM_MARGIN = 0.3
+
+# Splats of one task.
+BLOCK = 256
+# Columns of a block in the scratch buffer: the splat as given, then as projected; (x, y, z) are camera axes.
+X, Y, Z, QW, QX, QY, QZ, SX, SY, SZ, LOG_O, XX, XY, YY, DET, DET_SHARP = (np.uint64(k * BLOCK) for k in range(16))
+GIVEN = (X, Y, Z, QW, QX, QY, QZ, SX, SY, SZ, LOG_O)
+OUT = tuple(np.uint64((16 + k) * BLOCK) for k in range(SCREEN_COLUMNS))
+SCRATCH = 28 * BLOCK
+CONTRACT = {"contract", "arcp"}
 
 
 @njit(cache=True, error_model="numpy")
@@ -37,219 +48,149 @@ def rotation_matrix(w, x, y, z):
 
 
 @njit(cache=True, error_model="numpy")
-def camera_point(center, camera_from_world):
-    """Return the splat's centre in camera axes."""
-    V = camera_from_world
-    x = V[0, 0] * center[0] + V[0, 1] * center[1] + V[0, 2] * center[2] + V[0, 3]
-    y = V[1, 0] * center[0] + V[1, 1] * center[1] + V[1, 2] * center[2] + V[1, 3]
-    z = V[2, 0] * center[0] + V[2, 1] * center[1] + V[2, 2] * center[2] + V[2, 3]
-    return x, y, z
-
-
-@njit(cache=True, error_model="numpy")
-def slope_limits(intrinsics):
-    """Return the lowest and highest x/z and y/z at which the projection's Jacobian is taken."""
-    focal_x, focal_y, principal_x, principal_y, width, height = intrinsics
-    margin_x, margin_y = FRUSTUM_MARGIN * width / (2 * focal_x), FRUSTUM_MARGIN * height / (2 * focal_y)
+def pose_numbers(camera_from_world):
+    """Return a (3, 4) pose as twelve numbers, which the compiler keeps out of memory."""
+    p = camera_from_world
     return (
-        -principal_x / focal_x - margin_x, (width - principal_x) / focal_x + margin_x,
-        -principal_y / focal_y - margin_y, (height - principal_y) / focal_y + margin_y,
+        p[0, 0], p[0, 1], p[0, 2], p[0, 3], p[1, 0], p[1, 1], p[1, 2], p[1, 3], p[2, 0], p[2, 1], p[2, 2], p[2, 3]
     )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy")
-def stretched_axes(rotation, scale):
-    """Return the unit quaternion, its length before, and M = R S (3, 3), whose M M^T is the covariance."""
-    w, x, y, z = float(rotation[0]), float(rotation[1]), float(rotation[2]), float(rotation[3])
-    length = math.sqrt(w * w + x * x + y * y + z * z)
-    w, x, y, z = w / length, x / length, y / length, z / length
-    R = rotation_matrix(w, x, y, z)
-    axes = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            axes[i, j] = R[3 * i + j] * scale[j]
-    return (w, x, y, z), length, axes
+def lens_numbers(intrinsics):
+    """Return fx, fy, cx, cy, width, height and the lowest and highest x/z and y/z at which the Jacobian is taken."""
+    fx, fy, cx, cy, width, height = intrinsics
+    margin_x, margin_y = FRUSTUM_MARGIN * width / (2 * fx), FRUSTUM_MARGIN * height / (2 * fy)
+    return (
+        fx, fy, cx, cy, width, height,
+        -cx / fx - margin_x, (width - cx) / fx + margin_x, -cy / fy - margin_y, (height - cy) / fy + margin_y,
+    )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy")
-def projected_axes(point, axes, intrinsics, limits, camera_from_world):
-    """Return J W (2, 3) and P = J W M (2, 3), whose P P^T is the covariance on the screen, px^2."""
-    x, y, z = point
-    slope_x, slope_y = min(max(x / z, limits[0]), limits[1]), min(max(y / z, limits[2]), limits[3])
-    focal_x, focal_y = intrinsics[0], intrinsics[1]
-    turned = np.empty((2, 3))
-    projected = np.empty((2, 3))
-    for j in range(3):
-        turned[0, j] = focal_x / z * (camera_from_world[0, j] - slope_x * camera_from_world[2, j])
-        turned[1, j] = focal_y / z * (camera_from_world[1, j] - slope_y * camera_from_world[2, j])
-    for i in range(2):
-        for j in range(3):
-            projected[i, j] = turned[i, 0] * axes[0, j] + turned[i, 1] * axes[1, j] + turned[i, 2] * axes[2, j]
-    return turned, projected
+def load_splats(scratch, start, count, centers, rotations, scales, opacities):
+    """Lay a block's splats out column by column."""
+    for i in range(count):
+        s = start + i
+        scratch[i], scratch[i + BLOCK], scratch[i + 2 * BLOCK] = centers[s, 0], centers[s, 1], centers[s, 2]
+        for k in range(4):
+            scratch[i + (3 + k) * BLOCK] = rotations[s, k]
+        for k in range(3):
+            scratch[i + (7 + k) * BLOCK] = scales[s, k]
+        scratch[i + 10 * BLOCK] = math.log(opacities[s])
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def camera_point(x, y, z, pose):
+    """Return a point (x, y, z) of the world in camera axes."""
+    return (
+        pose[0] * x + pose[1] * y + pose[2] * z + pose[3],
+        pose[4] * x + pose[5] * y + pose[6] * z + pose[7],
+        pose[8] * x + pose[9] * y + pose[10] * z + pose[11],
+    )
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def projection_rows(x, y, z, pose, lens):
+    """Return J W (2, 3), row by row, of a point in camera axes, z > 0."""
+    slope_x = min(max(x / z, lens[6]), lens[7])
+    slope_y = min(max(y / z, lens[8]), lens[9])
+    pace_x, pace_y = lens[0] / z, lens[1] / z
+    return (
+        pace_x * (pose[0] - slope_x * pose[8]),
+        pace_x * (pose[1] - slope_x * pose[9]),
+        pace_x * (pose[2] - slope_x * pose[10]),
+        pace_y * (pose[4] - slope_y * pose[8]),
+        pace_y * (pose[5] - slope_y * pose[9]),
+        pace_y * (pose[6] - slope_y * pose[10]),
+    )
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def projected_axes(rows, R, sx, sy, sz):
+    """Return P = J W R S (2, 3), row by row, whose P P^T is the covariance on the screen, px^2."""
+    return (
+        (rows[0] * R[0] + rows[1] * R[3] + rows[2] * R[6]) * sx,
+        (rows[0] * R[1] + rows[1] * R[4] + rows[2] * R[7]) * sy,
+        (rows[0] * R[2] + rows[1] * R[5] + rows[2] * R[8]) * sz,
+        (rows[3] * R[0] + rows[4] * R[3] + rows[5] * R[6]) * sx,
+        (rows[3] * R[1] + rows[4] * R[4] + rows[5] * R[7]) * sy,
+        (rows[3] * R[2] + rows[4] * R[5] + rows[5] * R[8]) * sz,
+    )
+
+
+@njit(cache=True, error_model="numpy", fastmath=CONTRACT)
+def project_block(scratch, count, pose, lens):
+    """Fill a block's columns MEAN_X, MEAN_Y, DEPTH, XX, XY, YY, DET and DET_SHARP, det before the low-pass.
+
+    The determinant is the sum of the squared minors of P (Cauchy and Binet), free of a needle's cancellation.
+    """
+    for i in range(np.uint64(count)):
+        x, y, depth = camera_point(scratch[i + X], scratch[i + Y], scratch[i + Z], pose)
+        z = max(depth, NEAR)
+        w, a, b, c = scratch[i + QW], scratch[i + QX], scratch[i + QY], scratch[i + QZ]
+        shrink = 1 / math.sqrt(w * w + a * a + b * b + c * c)
+        R = rotation_matrix(w * shrink, a * shrink, b * shrink, c * shrink)
+        rows = projection_rows(x, y, z, pose, lens)
+        p0, p1, p2, q0, q1, q2 = projected_axes(rows, R, scratch[i + SX], scratch[i + SY], scratch[i + SZ])
+        xx, xy, yy = p0 * p0 + p1 * p1 + p2 * p2, p0 * q0 + p1 * q1 + p2 * q2, q0 * q0 + q1 * q1 + q2 * q2
+        m01, m02, m12 = p0 * q1 - p1 * q0, p0 * q2 - p2 * q0, p1 * q2 - p2 * q1
+        sharp = m01 * m01 + m02 * m02 + m12 * m12
+        scratch[i + XX], scratch[i + XY], scratch[i + YY] = xx + LOW_PASS, xy, yy + LOW_PASS
+        scratch[i + DET_SHARP] = sharp
+        scratch[i + DET] = sharp + LOW_PASS * (xx + yy) + LOW_PASS * LOW_PASS
+        scratch[i + OUT[MEAN_X]] = lens[0] * (x / z) + lens[2]
+        scratch[i + OUT[MEAN_Y]] = lens[1] * (y / z) + lens[3]
+        scratch[i + OUT[DEPTH]] = depth
+
+
+@njit(cache=True, error_model="numpy", fastmath=CONTRACT)
+def outline_block(scratch, count, lens):
+    """Fill the block's columns of falloff and outline from its covariances; EXTENT_X = 0 marks the invisible.
+
+    alpha >= 1/255 inside the ellipse (u dx + v dy)^2 + (w dy)^2 <= reach = 2 ln(255 opacity).
+    """
+    for i in range(np.uint64(count)):
+        xx, xy, yy, det = scratch[i + XX], scratch[i + XY], scratch[i + YY], scratch[i + DET]
+        reach = max(2 * (scratch[i + LOG_O] - math.log(SMALLEST_ALPHA)), 0.0)
+        extent_x, extent_y = math.sqrt(reach * xx), math.sqrt(reach * yy)
+        u, v = scratch[i + OUT[MEAN_X]], scratch[i + OUT[MEAN_Y]]
+        seen = (scratch[i + OUT[DEPTH]] > NEAR) & (u + extent_x > 0) & (u - extent_x < lens[4])
+        seen = seen & (v + extent_y > 0) & (v - extent_y < lens[5])
+        width = 1 / math.sqrt(yy)
+        root = math.sqrt(det)
+        scratch[i + OUT[ROOT_U]], scratch[i + OUT[ROOT_V]] = 1 / (root * width), -xy * width / root
+        scratch[i + OUT[ROOT_W]] = width
+        scratch[i + OUT[LOG_OPACITY]] = scratch[i + LOG_O]
+        scratch[i + OUT[EXTENT_X]] = extent_x if seen else 0.0
+        scratch[i + OUT[EXTENT_Y]] = extent_y
+        scratch[i + OUT[SLOPE]] = xy / xx
+        scratch[i + OUT[HALF_CHORD]] = root / xx * extent_x
+        scratch[i + OUT[TOP_X]] = xy * width * width * extent_y
 
 
 @njit(cache=True, error_model="numpy")
-def conic_of(splat):
-    """Return a, b, c of the projected splat's inverse covariance, 1/px^2."""
-    u, v, w = float(splat[ROOT_U]), float(splat[ROOT_V]), float(splat[ROOT_W])
-    return u * u, u * v, v * v + w * w
-
-
-@njit(cache=True, error_model="numpy")
-def screen_covariance(projected):
-    """Return xx, xy, yy of P P^T with the low-pass added, px^2."""
-    xx = yy = LOW_PASS
-    xy = 0.0
-    for j in range(3):
-        xx += projected[0, j] * projected[0, j]
-        xy += projected[0, j] * projected[1, j]
-        yy += projected[1, j] * projected[1, j]
-    return xx, xy, yy
+def dim_block(scratch, count):
+    """Take the opacity that the low-pass adds off again."""
+    for i in range(count):
+        scratch[i + 10 * BLOCK] += 0.5 * math.log(scratch[i + 15 * BLOCK] / scratch[i + 14 * BLOCK])
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def project(
-    first_task, last_task, centers, rotations, scales, opacities, colours, camera_from_world, intrinsics, screen
+    first_task, last_task, centers, rotations, scales, opacities, camera_from_world, intrinsics, antialiased, screen
 ):
-    """Fill `screen` (splat, SCREEN_COLUMNS); a splat that can't be seen gets an extent of 0."""
-    limits = slope_limits(intrinsics)
-    focal_x, focal_y, principal_x, principal_y, width, height = intrinsics
-    for s in range(first_task, last_task):
-        screen[s, EXTENT_X] = 0.0
-        point = camera_point(centers[s], camera_from_world)
-        x, y, z = point
-        if not (z > NEAR and opacities[s] > SMALLEST_ALPHA):
-            continue
-        _, _, axes = stretched_axes(rotations[s], scales[s])
-        _, projected = projected_axes(point, axes, intrinsics, limits, camera_from_world)
-        xx, xy, yy = screen_covariance(projected)
-        determinant = xx * yy - xy * xy
-        u, v = focal_x * x / z + principal_x, focal_y * y / z + principal_y
-        # alpha = o exp(-q/2) >= 1/255 inside the ellipse q <= 2 ln(255 o)
-        reach = 2 * math.log(opacities[s] / SMALLEST_ALPHA)
-        extent_x, extent_y = math.sqrt(reach * xx), math.sqrt(reach * yy)
-        seen = u + extent_x > 0 and u - extent_x < width and v + extent_y > 0 and v - extent_y < height
-        if not (seen and determinant > 0):
-            continue
-        screen[s, MEAN_X], screen[s, MEAN_Y] = u, v
-        root = math.sqrt(yy / determinant)
-        screen[s, ROOT_U], screen[s, ROOT_V], screen[s, ROOT_W] = root, -xy / determinant / root, 1 / math.sqrt(yy)
-        screen[s, EXTENT_X], screen[s, EXTENT_Y] = extent_x, extent_y
-        screen[s, OPACITY], screen[s, DEPTH] = opacities[s], z
-        screen[s, RED], screen[s, GREEN], screen[s, BLUE] = colours[s, 0], colours[s, 1], colours[s, 2]
-
-
-@njit(cache=True, error_model="numpy")
-def gather_moments(moments, start, stop, total):
-    """Sum the gradients of one splat over its tiles, in their order."""
-    total[:] = 0.0
-    for k in range(start, stop):
-        for column in range(MOMENT_COLUMNS):
-            total[column] += moments[k, column]
-
-
-@njit(cache=True, error_model="numpy")
-def covariance_gradient(u, v, w, total):
-    """Return dL/dSigma (symmetric: xx, xy, yy) = L^T M L / 2, with M the second moments in units of sigma."""
-    m_tt, m_ts, m_ss = total[3], total[4], total[5]
-    g_xy = u * (v * m_tt + w * m_ts)
-    return 0.5 * u * u * m_tt, 0.5 * g_xy, 0.5 * (v * v * m_tt + 2 * v * w * m_ts + w * w * m_ss)
-
-
-@njit(cache=True, error_model="numpy")
-def quaternion_gradient(quaternion, length, g):
-    """Return dL/d(raw quaternion) from g = dL/dR (3, 3), through the normalisation."""
-    w, x, y, z = quaternion
-    d_w = 2 * (x * (g[2, 1] - g[1, 2]) + y * (g[0, 2] - g[2, 0]) + z * (g[1, 0] - g[0, 1]))
-    d_x = 2 * (
-        w * (g[2, 1] - g[1, 2]) - 2 * x * (g[1, 1] + g[2, 2]) + y * (g[0, 1] + g[1, 0]) + z * (g[0, 2] + g[2, 0])
-    )
-    d_y = 2 * (
-        w * (g[0, 2] - g[2, 0]) + x * (g[0, 1] + g[1, 0]) - 2 * y * (g[0, 0] + g[2, 2]) + z * (g[1, 2] + g[2, 1])
-    )
-    d_z = 2 * (
-        w * (g[1, 0] - g[0, 1]) + x * (g[0, 2] + g[2, 0]) + y * (g[1, 2] + g[2, 1]) - 2 * z * (g[0, 0] + g[1, 1])
-    )
-    along = w * d_w + x * d_x + y * d_y + z * d_z
-    return (
-        (d_w - w * along) / length,
-        (d_x - x * along) / length,
-        (d_y - y * along) / length,
-        (d_z - z * along) / length,
-    )
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def project_backward(
-    first_task, last_task, centers, rotations, scales, camera_from_world, intrinsics, screen,
-    slot_starts, slot_counts, moments,
-    d_centers, d_rotations, d_scales, d_opacities, d_colours, d_means,
-):  # fmt: skip
-    """Carry the pixels' moments back to the splats; every output is overwritten.
-
-    `d_means` (splat, 2) receives the sum over tiles of |dL/dmean|, per px: cancellation inside a large
-    splat must not hide that it covers too much (the reasoning of AbsGS, Ye et al. 2024).
-    """
-    limits = slope_limits(intrinsics)
-    focal_x, focal_y = intrinsics[0], intrinsics[1]
-    V = camera_from_world
-    for s in range(first_task, last_task):
-        start, stop = slot_starts[s], slot_starts[s] + slot_counts[s]
-        if start == stop:
-            d_centers[s], d_rotations[s], d_scales[s], d_opacities[s], d_colours[s], d_means[s] = 0, 0, 0, 0, 0, 0
-            continue
-        total = np.empty(MOMENT_COLUMNS)
-        gather_moments(moments, start, stop, total)
-        u, v, w = float(screen[s, ROOT_U]), float(screen[s, ROOT_V]), float(screen[s, ROOT_W])
-        u_absolute = v_absolute = 0.0
-        for k in range(start, stop):
-            u_absolute += abs(u * moments[k, 1])
-            v_absolute += abs(v * moments[k, 1] + w * moments[k, 2])
-        d_means[s, 0], d_means[s, 1] = u_absolute, v_absolute
-        d_u, d_v = u * total[1], v * total[1] + w * total[2]
-        d_opacities[s] = total[0] / screen[s, OPACITY]
-        d_colours[s, 0], d_colours[s, 1], d_colours[s, 2] = total[6], total[7], total[8]
-
-        x, y, z = camera_point(centers[s], V)
-        quaternion, length, axes = stretched_axes(rotations[s], scales[s])
-        turned, projected = projected_axes((x, y, z), axes, intrinsics, limits, V)
-        g_xx, g_xy, g_yy = covariance_gradient(u, v, w, total)
-        d_projected = np.empty((2, 3))
-        for j in range(3):
-            d_projected[0, j] = 2 * (g_xx * projected[0, j] + g_xy * projected[1, j])
-            d_projected[1, j] = 2 * (g_xy * projected[0, j] + g_yy * projected[1, j])
-
-        # dL/dM = (J W)^T dL/dP, and M = R S
-        d_rotation = np.empty((3, 3))
-        R = rotation_matrix(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
-        for j in range(3):
-            d_scale = 0.0
-            for i in range(3):
-                d_axis = turned[0, i] * d_projected[0, j] + turned[1, i] * d_projected[1, j]
-                d_scale += d_axis * R[3 * i + j]
-                d_rotation[i, j] = d_axis * scales[s, j]
-            d_scales[s, j] = d_scale
-        d_w, d_qx, d_qy, d_qz = quaternion_gradient(quaternion, length, d_rotation)
-        d_rotations[s, 0], d_rotations[s, 1], d_rotations[s, 2], d_rotations[s, 3] = d_w, d_qx, d_qy, d_qz
-
-        # dL/dJ = dL/dP M^T W^T; only J's four entries that depend on the point matter
-        d_j00 = d_j02 = d_j11 = d_j12 = 0.0
-        for i in range(3):
-            row_x = d_projected[0, 0] * axes[i, 0] + d_projected[0, 1] * axes[i, 1] + d_projected[0, 2] * axes[i, 2]
-            row_y = d_projected[1, 0] * axes[i, 0] + d_projected[1, 1] * axes[i, 1] + d_projected[1, 2] * axes[i, 2]
-            d_j00 += row_x * V[0, i]
-            d_j02 += row_x * V[2, i]
-            d_j11 += row_y * V[1, i]
-            d_j12 += row_y * V[2, i]
-        slope_x, slope_y = x / z, y / z
-        inside_x, inside_y = limits[0] < slope_x < limits[1], limits[2] < slope_y < limits[3]
-        slope_x, slope_y = min(max(slope_x, limits[0]), limits[1]), min(max(slope_y, limits[2]), limits[3])
-        pull_x, pull_y = focal_x / (z * z), focal_y / (z * z)
-        d_x = d_u * focal_x / z - (d_j02 * pull_x if inside_x else 0.0)
-        d_y = d_v * focal_y / z - (d_j12 * pull_y if inside_y else 0.0)
-        d_z = total[9] - d_u * pull_x * x - d_v * pull_y * y - d_j00 * pull_x - d_j11 * pull_y
-        d_z += d_j02 * pull_x * slope_x * (2.0 if inside_x else 1.0) + d_j12 * pull_y * slope_y * (
-            2.0 if inside_y else 1.0
-        )
-        for j in range(3):
-            d_centers[s, j] = V[0, j] * d_x + V[1, j] * d_y + V[2, j] * d_z
+    """Write the rows (splat, SCREEN_COLUMNS) of blocks of splats; EXTENT_X = 0 marks a splat as not visible."""
+    pose, lens = pose_numbers(camera_from_world), lens_numbers(intrinsics)
+    scratch = np.zeros(SCRATCH)
+    for block in range(first_task, last_task):
+        start = block * BLOCK
+        count = min(BLOCK, len(centers) - start)
+        load_splats(scratch, start, count, centers, rotations, scales, opacities)
+        project_block(scratch, count, pose, lens)
+        if antialiased:
+            dim_block(scratch, count)
+        outline_block(scratch, count, lens)
+        for i in range(count):
+            for column in range(SCREEN_COLUMNS):
+                screen[start + i, column] = scratch[i + (16 + column) * BLOCK]

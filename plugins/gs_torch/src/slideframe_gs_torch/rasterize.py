@@ -2,20 +2,21 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from slideframe.arrays import Float64Array
+from slideframe.arrays import Float32Array, Float64Array
 from slideframe.errors import InputError
 from slideframe.products import Camera
-from slideframe_gs_torch import compiled
-from slideframe_gs_torch.harmonics import evaluate_harmonics
-from slideframe_gs_torch.reference import composite_exactly
+from slideframe_gs_torch.boundary import draw_compiled
+from slideframe_gs_torch.reference import camera_from, composite_exactly, rotation_matrices
 
-__all__ = ["Raster", "evaluate_harmonics", "rasterize"]
+__all__ = ["Raster", "rasterize"]
+
+# Below this alpha a pixel is taken to see nothing, and means over the splats seen are 0.
+LEAST_ALPHA = 1e-6
 
 
 @dataclass(frozen=True)
@@ -25,12 +26,19 @@ class Raster:
     Attributes:
         colour: (height, width, 3), over the background.
         alpha: (height, width), 0 where only the background is seen.
-        depth: (height, width), m along the view axis, the mean over the splats seen; 0 where there is none.
+        depth: (height, width), m along the view axis, the mean over the splats seen, each weighted with its share of
+            the light; 0 where there is none. None if not asked for, like those that follow.
+        median_depth: (height, width), m, of the splat behind which less than half of the light is left; 0 where
+            more than half comes from the background. Its gradient is that of this splat's depth.
+        normals: (height, width, 3), world axes, the mean of the splats' normals; shorter than 1 where they disagree.
+            A splat's normal is its shortest axis, turned to the camera.
     """
 
     colour: Tensor
     alpha: Tensor
-    depth: Tensor
+    depth: Tensor | None = None
+    median_depth: Tensor | None = None
+    normals: Tensor | None = None
 
 
 def rasterize(
@@ -41,64 +49,110 @@ def rasterize(
     colours: Tensor,
     *,
     camera: Camera,
-    world_from_camera: Float64Array,
-    background: Sequence[float] = (0.0, 0.0, 0.0),
+    world_from_camera: Float64Array | Tensor,
+    background: Sequence[float] | Tensor = (0.0, 0.0, 0.0),
+    antialiased: bool = False,
+    depth: bool = False,
+    normals: bool = False,
+    frame_rotations: Float32Array | None = None,
     backend: Literal["numba", "torch"] = "numba",
     screen_gradients: Tensor | None = None,
 ) -> Raster:
-    """Draw splats as a pinhole camera sees them (Kerbl et al. 2023), differentiable in the five tensors.
+    """Draw splats as a pinhole camera sees them (Kerbl et al. 2023).
+
+    Differentiable in the five tensors, in `world_from_camera` and in `background`, where they are tensors that
+    require it; the pose's gradient is that of its twelve numbers, whatever keeps them a pose. Depth and normals cost
+    about as much as the colours, each.
 
     Args:
         centers: (splat, 3), m.
         rotations: (splat, 4), quaternions wxyz, normalised here.
         scales: (splat, 3), standard deviations, m.
         opacities: (splat,), 0 to 1.
-        colours: (splat, 3), as seen from this camera; see `evaluate_harmonics`.
+        colours: (splat, 3) as seen from this camera, or spherical harmonics (splat, 1, 4, 9 or 16, 3), of which the
+            colour is 0.5 + basis . coefficients, not below 0.
         camera: without distortion; its principal point may lie anywhere.
         world_from_camera: (3, 4), m.
-        background: colour where no splat is.
+        background: (3,), colour where no splat is.
+        antialiased: take off the opacity that the low-pass of 0.3 px^2 adds to splats below the size of a pixel
+            (Yu et al. 2024).
+        depth: whether to give depth and median depth.
+        normals: whether to give normals.
+        frame_rotations: (splat, 3, 3), from the frame of each splat's harmonics to the world, where the splat has
+            turned since they were made; no gradient.
         backend: `numba` is compiled and float32; `torch` is slow, exact, and takes float64.
         screen_gradients: (splat, 2), filled in the backward pass of `numba` with the sum over tiles of
             |dL/d(projected centre)|, per px.
 
     Raises:
-        InputError: the camera has lens distortion.
+        InputError: the camera has lens distortion, or the tensors don't fit together.
     """
+    _require_fit(centers, rotations, scales, opacities, colours, camera)
+    if not isinstance(world_from_camera, Tensor):
+        world_from_camera = torch.tensor(world_from_camera, dtype=torch.float64)
+    pose = camera_from(world_from_camera.double())
+    behind = torch.as_tensor(background, dtype=centers.dtype)
+    shown = _depths(centers, pose) if depth else []
+    shown += _normals(centers, rotations, scales, pose) if normals else []
+    features = torch.stack(shown) if shown else centers.new_empty(0, len(centers), 3)
+    splats = (centers, rotations, scales, opacities, colours)
+    if backend == "torch":
+        drawing = composite_exactly(*splats, features, behind, pose, camera, antialiased, frame_rotations)
+    else:
+        drawing = draw_compiled(*splats, features, behind, pose, camera, antialiased, frame_rotations, screen_gradients)
+    alpha = 1 - drawing.transmittance
+    seen = alpha.clamp_min(LEAST_ALPHA)
+    return Raster(
+        drawing.image.permute(1, 2, 0),
+        alpha,
+        drawing.planes[0, 0] / seen if depth else None,
+        _median_depth(features[0, :, 0], drawing.median) if depth else None,
+        (drawing.planes[-1] / seen).permute(1, 2, 0) if normals else None,
+    )
+
+
+def _require_fit(
+    centers: Tensor, rotations: Tensor, scales: Tensor, opacities: Tensor, colours: Tensor, camera: Camera
+) -> None:
     if any(camera.distortion):
         raise InputError(
             "a camera with lens distortion can't be rasterised",
             where=f"distortion {camera.distortion}",
             cure="undistort the photograph and its camera with slideframe.photographs.load_photograph",
         )
-    rotation = np.asarray(world_from_camera, np.float64)[:, :3]
-    camera_from_world = np.column_stack([rotation.T, -rotation.T @ world_from_camera[:, 3]])
-    splats = (centers, rotations, scales, opacities, colours)
-    if backend == "torch":
-        planes, transmittance = composite_exactly(*splats, camera, camera_from_world)
-    else:
-        scene = compiled.View.of(camera, camera_from_world)
-        planes, transmittance = _Compiled.apply(*splats, scene, screen_gradients)  # type: ignore[no-untyped-call]
-    alpha = 1 - transmittance
-    behind = torch.as_tensor(background, dtype=planes.dtype)[:, None, None] * transmittance
-    return Raster((planes[:3] + behind).permute(1, 2, 0), alpha, planes[3] / alpha.clamp_min(1e-6))
+    count = len(centers)
+    shapes = {"centers": (count, 3), "rotations": (count, 4), "scales": (count, 3), "opacities": (count,)}
+    given = {"centers": centers, "rotations": rotations, "scales": scales, "opacities": opacities}
+    for name, shape in shapes.items():
+        if tuple(given[name].shape) != shape:
+            raise InputError(
+                f"'{name}' has shape {tuple(given[name].shape)}, not {shape}", cure="give all splats in one order"
+            )
+    allowed = {(count, 3), *((count, terms, 3) for terms in (1, 4, 9, 16))}
+    if tuple(colours.shape) not in allowed:
+        raise InputError(
+            f"'colours' has shape {tuple(colours.shape)}",
+            cure="give (splat, 3), or harmonics of degree 0 to 3: (splat, 1, 4, 9 or 16, 3)",
+        )
 
 
-class _Compiled(torch.autograd.Function):
-    """The compiled kernels on the boundary of autograd."""
+def _depths(centers: Tensor, pose: Tensor) -> list[Tensor]:
+    """Return what each splat shows in the first group of channels: its depth, and nothing."""
+    along = centers.to(pose.dtype) @ pose[2, :3] + pose[2, 3]
+    return [torch.nn.functional.pad(along[:, None], (0, 2)).to(centers.dtype)]
 
-    @staticmethod
-    def forward(ctx: Any, *arguments: Any) -> tuple[Tensor, Tensor]:
-        *splats, view, screen_gradients = arguments
-        arrays = compiled.Splats(*(np.ascontiguousarray(tensor.detach().numpy(), np.float32) for tensor in splats))
-        drawing = compiled.draw(arrays, view)
-        ctx.state = arrays, view, drawing, screen_gradients
-        return torch.from_numpy(drawing.planes), torch.from_numpy(drawing.transmittance)
 
-    @staticmethod
-    def backward(ctx: Any, d_planes: Tensor, d_transmittance: Tensor) -> tuple[Any, ...]:
-        arrays, view, drawing, screen_gradients = ctx.state
-        by_planes, by_transmittance = (np.ascontiguousarray(g.numpy(), np.float32) for g in (d_planes, d_transmittance))
-        gradients, d_means = compiled.draw_backward(arrays, view, drawing, by_planes, by_transmittance)
-        if screen_gradients is not None:
-            screen_gradients.copy_(torch.from_numpy(d_means))
-        return *(torch.from_numpy(gradient) for gradient in gradients), None, None
+def _normals(centers: Tensor, rotations: Tensor, scales: Tensor, pose: Tensor) -> list[Tensor]:
+    """Return each splat's shortest axis, turned to the camera."""
+    rows = torch.arange(len(centers))
+    axes = rotation_matrices(rotations)[rows, :, scales.detach().argmin(dim=1)] if len(centers) else centers
+    towards = (-pose[:, :3].T @ pose[:, 3]).to(centers.dtype).detach() - centers.detach()
+    facing = (axes.detach() * towards).sum(dim=1, keepdim=True) >= 0
+    return [torch.where(facing, axes, -axes)]
+
+
+def _median_depth(depths: Tensor, median: Tensor) -> Tensor:
+    """Return the depth of the splats whose indices (height, width) are given; 0 where the index is -1."""
+    if not len(depths):
+        return depths.new_zeros(median.shape)
+    return torch.where(median >= 0, depths[median.clamp_min(0)], depths.new_zeros(()))

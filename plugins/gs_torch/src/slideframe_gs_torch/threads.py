@@ -15,9 +15,9 @@ import numba
 import torch
 
 # Below this many pixels or splats, handing tasks out takes longer than doing them.
-WORTH_THREADS = 60_000
+WORTH_THREADS = 20_000
 # Tasks differ in cost, so each thread fetches several shares.
-SHARES_PER_THREAD = 6
+SHARES_PER_THREAD = 8
 
 
 def thread_count() -> int:
@@ -26,20 +26,30 @@ def thread_count() -> int:
 
 
 @cache
-def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(thread_count(), thread_name_prefix="splats")
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="splats")
 
 
 def run_shares(kernel: Callable[..., None], tasks: int, work: int, *arguments: object) -> None:
-    """Call kernel(first, last, *arguments) on shares of range(tasks); `work` is the number of pixels or splats."""
+    """Call kernel(first, last, *arguments) on shares of range(tasks); `work` is the number of pixels or splats.
+
+    This thread works too; shares are fetched one by one from an iterator, which the interpreter's lock guards.
+    """
     threads = thread_count()
     if threads == 1 or work < WORTH_THREADS:
         kernel(0, tasks, *arguments)
         return
     share = max(1, -(-tasks // (threads * SHARES_PER_THREAD)))
-    calls = [_pool().submit(kernel, first, min(first + share, tasks), *arguments) for first in range(0, tasks, share)]
-    for call in calls:
-        call.result()
+    firsts = iter(range(0, tasks, share))
+
+    def fetch_and_work() -> None:
+        for first in firsts:
+            kernel(first, min(first + share, tasks), *arguments)
+
+    helpers = [_pool(threads - 1).submit(fetch_and_work) for _ in range(threads - 1)]
+    fetch_and_work()
+    for helper in helpers:
+        helper.result()
 
 
 @contextmanager

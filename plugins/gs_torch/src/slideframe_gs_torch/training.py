@@ -105,10 +105,9 @@ def descend(options: "TorchSplats", view: TrainingView, state: State, extent: fl
         StageFailed: the loss or a gradient is not a number.
     """
     raw = state.parameters.raw
-    viewpoint = torch.tensor(view.world_from_camera[:, 3], dtype=torch.float32)
     screen_gradients = torch.zeros(len(state.parameters), 2)
     raster = rasterize(
-        *state.parameters.splats(viewpoint),
+        *state.parameters.splats(),
         camera=view.camera,
         world_from_camera=view.world_from_camera,
         background=background(options, state.iteration, seed),
