@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from slideframe.problem import BoxRegion, OrbitView, Sand, Simulation, SimulationProblem, Wall
+from slideframe.problem import BoxRegion, DruckerPrager, OrbitView, Sand, Simulation, SimulationProblem, Wall
 from slideframe.testing.ground_scenes import hillside_survey
 from slideframe.testing.solver_scenes import filling_of
 
@@ -14,6 +14,7 @@ PAPER_SAND = {"friction_angle": 22, "density": 2000, "youngs_modulus": 5e7, "poi
 FILLING = filling_of(np.float32([[0, 0, 5], [1, 1, 2]]), 1.0).model_copy(
     update={"bounds": np.array([[-10.0, 0, -3], [10, 15, 5]])}
 )
+EARTH = PAPER_SAND | {"friction_angle": 30, "friction_match": "plane_strain"}
 
 
 def problem(**simulation) -> SimulationProblem:
@@ -38,7 +39,29 @@ def test_paper_card_gives_its_moduli_and_wave_speed():
 def test_friction_matches_follow_the_cone_of_their_test(match, slope):
     # sqrt(J2) + a I1 = k with a at 30 degrees; alpha relates ||s|| = sqrt(2 J2) to 3 p: alpha = sqrt(2) a
     sand = Sand(**PAPER_SAND | {"friction_angle": 30, "friction_match": match})
-    assert sand.friction_coefficient == pytest.approx(math.sqrt(2) * slope, rel=1e-5)
+    assert sand.cone_friction == pytest.approx(slope, rel=1e-5)
+
+
+def test_plane_strain_match_of_associated_flow_is_the_textbook_s():
+    soil = DruckerPrager(**EARTH | {"dilatancy_angle": 30})
+    # physics.md: a = tan(phi) / sqrt(9 + 12 tan^2(phi)) = 0.160128 at 30 degrees
+    assert soil.cone_friction == pytest.approx(0.160128, rel=1e-5)
+
+
+@pytest.mark.parametrize("match", ["triaxial_compression", "triaxial_extension", "plane_strain", "mohr_coulomb"])
+def test_cohesion_moves_the_tip_to_the_same_tension_for_every_match(match):
+    soil = DruckerPrager(**EARTH | {"cohesion": 1e4, "friction_match": match})
+    assert soil.constants.apex * soil.bulk_modulus == pytest.approx(1e4 / math.tan(math.radians(30)))
+
+
+def test_a_cut_off_beyond_the_tip_changes_nothing():
+    soil = DruckerPrager(**EARTH | {"cohesion": 1e4, "tension_cutoff": 1e9})
+    assert soil.constants.cutoff == soil.constants.apex
+
+
+def test_dilatancy_beyond_friction_is_refused():
+    with pytest.raises(ValidationError, match="create energy"):
+        DruckerPrager(**EARTH | {"dilatancy_angle": 31})
 
 
 @pytest.mark.parametrize(

@@ -78,9 +78,8 @@ class FlipSolver(Solver):
         state.velocities = (1 - self.flip_share) * carried + self.flip_share * (state.velocities + gained)
         change = np.eye(3) + time_step * np.einsum("pni,pnj->pij", new, gradients)
         state.deformation_gradients = change @ state.deformation_gradients
-        state.elastic, state.volume_corrections = return_mapping(
-            change @ state.elastic, state.volume_corrections, problem.material
-        )
+        flow = return_mapping(change @ state.elastic, state.volume_corrections, problem.material)
+        state.elastic, state.volume_corrections = flow.elastic, flow.volume_correction
         moved = state.positions + time_step * carried
         low, high = grid.spacing, grid.spacing * (np.array(grid.shape) - 2)
         state.positions = np.clip(moved - grid.origin, low, high) + grid.origin

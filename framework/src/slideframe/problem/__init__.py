@@ -4,19 +4,23 @@ from slideframe.problem.base import ProblemModel, Share, Vector, kind_of, kind_o
 from slideframe.problem.boundary import Boundary, Wall
 from slideframe.problem.camera_path import Shot
 from slideframe.problem.grid import Grid, place_grid
-from slideframe.problem.material import Material, Sand
+from slideframe.problem.material import LAWS, DruckerPrager, Elastic, LawConstants, Material, Sand
 from slideframe.problem.region import BoxRegion, FillingProblem, Region
 from slideframe.problem.simulation import Simulation, SimulationProblem
 from slideframe.problem.site import Site
 from slideframe.problem.view import FileView, FlightView, OrbitView, SurveyView, View
 
 __all__ = [
+    "LAWS",
     "Boundary",
     "BoxRegion",
+    "DruckerPrager",
+    "Elastic",
     "FileView",
     "FillingProblem",
     "FlightView",
     "Grid",
+    "LawConstants",
     "Material",
     "OrbitView",
     "ProblemModel",

@@ -15,7 +15,8 @@ from slideframe.guards import (
     check_start,
     start_frame,
 )
-from slideframe.problem import Boundary, Grid, Sand, SimulationProblem, Wall
+from slideframe.problem import Boundary, Grid, SimulationProblem, Wall
+from slideframe.problem.material import ElasticSoil
 from slideframe.products import Filling, ParticleFrame
 from slideframe.reference.constitutive import kirchhoff_stress, return_mapping
 from slideframe.stages import Context, Solver
@@ -60,6 +61,7 @@ class Particles:
         velocity_gradients: (n, 3, 3), the affine matrix C of APIC, 1/s.
         elastic: (n, 3, 3), elastic deformation gradient.
         volume_corrections: (n,), log of the stress-free expansion.
+        plastic_strains: (n,), accumulated norm of the plastic deviatoric strain.
         deformation_gradients: (n, 3, 3), the rendering frame.
         masses: (n,), kg.
         volumes: (n,), m3 at t = 0.
@@ -71,6 +73,7 @@ class Particles:
     velocity_gradients: Float64Array
     elastic: Float64Array
     volume_corrections: Float64Array
+    plastic_strains: Float64Array
     deformation_gradients: Float64Array
     masses: Float64Array
     volumes: Float64Array
@@ -87,6 +90,7 @@ class Particles:
             velocity_gradients=np.zeros((count, 3, 3)),
             elastic=np.tile(np.eye(3), (count, 1, 1)),
             volume_corrections=np.zeros(count),
+            plastic_strains=np.zeros(count),
             deformation_gradients=np.tile(np.eye(3), (count, 1, 1)),
             masses=density * volumes,
             volumes=volumes,
@@ -146,13 +150,13 @@ class Stencil:
 
 
 def particles_to_grid(
-    state: Particles, stencil: Stencil, sand: Sand, grid: Grid, time_step: float
+    state: Particles, stencil: Stencil, soil: ElasticSoil, grid: Grid, time_step: float
 ) -> tuple[Float64Array, Float64Array]:
     """Return the grid's momentum (nodes, 3), kg m/s, after internal forces, and its mass (nodes,), kg.
 
     Source: Hu et al. 2018, "A moving least squares material point method", eqs. 16 to 18.
     """
-    stress = kirchhoff_stress(state.elastic, sand)
+    stress = kirchhoff_stress(state.elastic, soil)
     impulse = (4 * time_step / grid.spacing**2) * state.volumes[:, None, None] * stress
     affine = state.masses[:, None, None] * state.velocity_gradients - impulse
     carried = (state.masses[:, None] * state.velocities)[:, None] + np.einsum("pij,pnj->pni", affine, stencil.arms)
@@ -194,7 +198,7 @@ def _apply_wall(velocity: Float64Array, axis: int, inward: float, wall: Wall) ->
 
 
 def grid_to_particles(
-    state: Particles, stencil: Stencil, velocity: Float64Array, sand: Sand, grid: Grid, time_step: float
+    state: Particles, stencil: Stencil, velocity: Float64Array, soil: ElasticSoil, grid: Grid, time_step: float
 ) -> None:
     """Gather velocities, move the particles, strain them and let them yield, in place."""
     shares = stencil.weights[:, :, None] * velocity[stencil.nodes]
@@ -202,7 +206,9 @@ def grid_to_particles(
     state.velocity_gradients = (4 / grid.spacing**2) * np.einsum("pni,pnj->pij", shares, stencil.arms)
     change = np.eye(3) + time_step * state.velocity_gradients
     state.deformation_gradients = change @ state.deformation_gradients
-    state.elastic, state.volume_corrections = return_mapping(change @ state.elastic, state.volume_corrections, sand)
+    flow = return_mapping(change @ state.elastic, state.volume_corrections, soil)
+    state.elastic, state.volume_corrections = flow.elastic, flow.volume_correction
+    state.plastic_strains = state.plastic_strains + flow.sheared
     moved = state.positions + time_step * state.velocities
     low = np.array(grid.origin) + grid.spacing
     high = np.array(grid.origin) + grid.spacing * (np.array(grid.shape) - 2)

@@ -8,9 +8,8 @@ import numpy.typing as npt
 from slideframe.arrays import Float64Array
 from slideframe.device import Device
 from slideframe.guards import STRETCH_BOUNDS
-from slideframe.problem import Grid, SimulationProblem, Wall
+from slideframe.problem import LAWS, Grid, LawConstants, SimulationProblem, Wall
 from slideframe.products import Filling, ParticleFrame
-from slideframe.reference.constitutive import cone_slope
 
 WALL_KINDS = {"slip": 0, "stick": 1, "friction": 2}
 
@@ -83,8 +82,9 @@ class Stepper:
 
     def _arrange(self, problem: SimulationProblem) -> None:
         """Order the arguments of a substep's launches that stay the same, once."""
-        grid, sand, boundary = self.grid, problem.material, problem.boundary
+        grid, soil, boundary = self.grid, problem.material, problem.boundary
         walls: tuple[Wall, Wall] = (boundary.sides, boundary.floor)
+        self.soils = self._soils(soil.constants)
         self._update = (
             grid.shape,
             self.gravity,
@@ -95,9 +95,18 @@ class Stepper:
             *(wall.friction for wall in walls),
         )
         self._constants = (
-            self.time_step, grid.spacing, sand.shear_modulus, sand.lame_lambda, cone_slope(sand),
+            self.time_step, grid.spacing, LAWS.index(soil.law), self.soils,
             grid.shape, SERIES_RADIUS[self.precision],
         )  # fmt: skip
+
+    def _soils(self, constants: LawConstants) -> Any:
+        """Return the constants of the soil as an array of one vector."""
+        import taichi as ti
+
+        real = ti.f64 if self.precision == "float64" else ti.f32
+        soils = ti.ndarray(ti.types.vector(len(constants), real), 1)
+        soils.from_numpy(np.array([constants], self.precision))
+        return soils
 
     def substep(self) -> None:
         """Advance by one time step."""

@@ -8,9 +8,8 @@ import numpy.typing as npt
 
 from slideframe.arrays import Float64Array
 from slideframe.guards import STRETCH_BOUNDS
-from slideframe.problem import Grid, SimulationProblem, Wall
+from slideframe.problem import LAWS, Grid, SimulationProblem, Wall
 from slideframe.products import Filling, ParticleFrame
-from slideframe.reference.constitutive import cone_slope
 from slideframe_mpm_warp.runtime import kernels_in
 
 WALL_KINDS = {"slip": 0, "stick": 1, "friction": 2}
@@ -58,7 +57,7 @@ class Stepper:
         """Order the arguments of the three launches of a substep, once."""
         import warp as wp
 
-        kernels, grid, sand, boundary = self.kernels, self.grid, problem.material, problem.boundary
+        kernels, grid, soil, boundary = self.kernels, self.grid, problem.material, problem.boundary
         walls: tuple[Wall, Wall] = (boundary.sides, boundary.floor)
         stride = wp.vec2i(grid.shape[1] * grid.shape[2], grid.shape[2])
         flat = self.nodes.flatten()
@@ -75,7 +74,7 @@ class Stepper:
         self._gather = [
             flat, stride, self.positions, self.residuals, self.velocities, self.affines, self.elastic_states,
             self.volume_corrections, self.deformation_gradients, self.held, self.masses, self.volumes,
-            self.time_step, grid.spacing, sand.shear_modulus, sand.lame_lambda, cone_slope(sand),
+            self.time_step, grid.spacing, LAWS.index(soil.law), kernels.Soil(*soil.constants),
             kernels.Vector(*(length - 2.0 for length in grid.shape)), JACOBI_SWEEPS,
         ]  # fmt: skip
 

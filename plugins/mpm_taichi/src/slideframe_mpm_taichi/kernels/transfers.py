@@ -3,8 +3,8 @@
 import taichi as ti
 
 from .arrays import Array
-from .materials import return_mapping
-from .tensors import pack, sphere, unpack
+from .materials import kirchhoff_stress, return_mapping
+from .tensors import pack, unpack
 
 # A slab of four layers of cells plus a drift of one cell either way never shares a node with the next but one.
 SLAB_WIDTH = 4
@@ -110,9 +110,8 @@ def grid_to_particles(
     volumes: Array,
     time_step: float,
     spacing: float,
-    shear_modulus: float,
-    lame_lambda: float,
-    cone_slope: float,
+    law: ti.template(),
+    soils: Array,
     shape: ti.types.vector(3, ti.i32),
     series_radius: float,
     fastest: Array,
@@ -135,8 +134,10 @@ def grid_to_particles(
             # b = (1 + G)(1 + X)(1 + G)^T, without ever adding a small number to 1
             half = change + change @ x
             trial = x + half + half.transpose() + half @ change.transpose()
-            state, hencky, correction = return_mapping(trial, volume_corrections[particle], cone_slope, series_radius)
-            stress = 2.0 * shear_modulus * hencky + sphere(lame_lambda * hencky.trace())
+            state, hencky, correction, _ = return_mapping(
+                law, trial, volume_corrections[particle], soils[0], series_radius
+            )
+            stress = kirchhoff_stress(hencky, soils[0])
             affines[particle] = 4.0 * masses[particle] * moment - 4.0 * volumes[particle] * time_step / spacing * stress
             elastic_states[particle] = pack(state)
             volume_corrections[particle] = correction

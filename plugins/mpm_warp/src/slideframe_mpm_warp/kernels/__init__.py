@@ -10,7 +10,7 @@ beforehand; that is why its modules import one another relatively.
 """
 
 from .boundaries import update_grid
-from .materials import return_mapping
+from .materials import Soil, return_mapping
 from .reals import Matrix, Real, Vector, Vector2, Vector4, Vector6
 from .rendering import bound_stretch
 from .transfers import grid_to_particles, particles_to_grid
@@ -18,6 +18,7 @@ from .transfers import grid_to_particles, particles_to_grid
 __all__ = [
     "Matrix",
     "Real",
+    "Soil",
     "Vector",
     "Vector2",
     "Vector4",

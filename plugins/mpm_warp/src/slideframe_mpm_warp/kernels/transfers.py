@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from .materials import return_mapping
+from .materials import Soil, kirchhoff_stress, return_mapping
 from .reals import Matrix, Real, Vector, Vector4, Vector6
 from .tensors import pack, unpack
 
@@ -73,9 +73,8 @@ def grid_to_particles(
     volumes: wp.array(dtype=Real),
     time_step: Real,
     spacing: Real,
-    shear_modulus: Real,
-    lame_lambda: Real,
-    cone_slope: Real,
+    law: int,
+    soil: Soil,
     last_position: Vector,
     sweeps: int,
 ):
@@ -117,10 +116,8 @@ def grid_to_particles(
     # b = (1 + G)(1 + X)(1 + G)^T, without ever adding a small number to 1
     half = change + change * x
     trial = x + half + wp.transpose(half) + half * wp.transpose(change)
-    state, hencky, correction = return_mapping(trial, volume_corrections[particle], cone_slope, sweeps)
-    stress = Real(2.0) * shear_modulus * hencky
-    pressure = lame_lambda * wp.trace(hencky)
-    stress += wp.diag(Vector(pressure, pressure, pressure))
+    state, hencky, correction, _sheared = return_mapping(law, trial, volume_corrections[particle], soil, sweeps)
+    stress = kirchhoff_stress(hencky, soil)
     affines[particle] = (
         Real(4.0) * masses[particle] * moment - Real(4.0) * volumes[particle] * time_step / spacing * stress
     )
