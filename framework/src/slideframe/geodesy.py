@@ -13,13 +13,13 @@ ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
 def geodetic_from_enu(points: Float64Array, origin: Georeference) -> Float64Array:
     """Convert (point, 3) in metres east, north, up of `origin` to latitude and longitude in degrees and height in m."""
     start = ecef_from_geodetic(np.array([[origin.latitude, origin.longitude, origin.ellipsoidal_height]]))
-    return geodetic_from_ecef(start + points @ _enu_axes(origin))
+    return geodetic_from_ecef(start + points @ enu_axes(origin))
 
 
 def enu_from_geodetic(geodetic: Float64Array, origin: Georeference) -> Float64Array:
     """Convert (point, 3) in degrees north, degrees east and metres to metres east, north, up of `origin`."""
     start = ecef_from_geodetic(np.array([[origin.latitude, origin.longitude, origin.ellipsoidal_height]]))
-    return (ecef_from_geodetic(geodetic) - start) @ _enu_axes(origin).T
+    return (ecef_from_geodetic(geodetic) - start) @ enu_axes(origin).T
 
 
 def ecef_from_geodetic(geodetic: Float64Array) -> Float64Array:
@@ -54,7 +54,7 @@ def geodetic_from_ecef(points: Float64Array) -> Float64Array:
     return np.column_stack([np.degrees(latitude), np.degrees(np.arctan2(y, x)), height])
 
 
-def _enu_axes(origin: Georeference) -> Float64Array:
+def enu_axes(origin: Georeference) -> Float64Array:
     """Return the unit vectors east, north and up in earth-centred coordinates (3, 3), one a row."""
     latitude, longitude = np.radians(origin.latitude), np.radians(origin.longitude)
     sin_lat, cos_lat, sin_lon, cos_lon = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)

@@ -7,7 +7,7 @@ film.mp4        H.264, plays in real time
 recording.rrd   every product, for the rerun viewer
 survey.html     the survey's quality, with maps
 splats.ply      the reconstruction, in the layout that splat viewers read
-cameras/        COLMAP text model
+cameras/        COLMAP model, as text and binary, and transforms.json
 particles/      -> the solver's frames in the store, one folder of .npy files each
 """
 

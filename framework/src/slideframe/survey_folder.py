@@ -1,7 +1,7 @@
 """What a survey leaves for people: its report, and the cameras in other programs' formats.
 
 survey.html     the report, one self-contained file
-cameras/        COLMAP text model
+cameras/        COLMAP model, as text and binary, and nerfstudio's transforms.json
 """
 
 import json
@@ -53,16 +53,29 @@ def survey_result(keyed: Keyed[Survey], appraisal: Appraisal, computed: bool) ->
 
 
 def write_cameras(survey: Survey, folder: Path) -> list[str]:
-    """Write `cameras/`; return why it was left out, where its format can't hold the survey."""
-    from slideframe.formats.colmap import write_colmap_text
+    """Write `cameras/`; return what was left out, and why, where a format can't hold the survey."""
+    from slideframe.formats.colmap import common_folder, write_colmap_text
+    from slideframe.formats.colmap_binary import write_colmap_binary
+    from slideframe.formats.posed_camera import PosedCamera
+    from slideframe.formats.transforms_json import write_transforms_json
 
-    try:
-        with storing(folder):
+    left_out = []
+    with storing(folder):
+        write_colmap_binary(survey, folder / CAMERAS)
+        try:
             write_colmap_text(survey, folder / CAMERAS)
-    except InputError as error:
-        _log.warning("%s/ is left out: %s", CAMERAS, error)
-        return [f"{CAMERAS}/: {error.what}"]
-    return []
+        except InputError as error:
+            for name in ("cameras.txt", "images.txt", "points3D.txt"):
+                (folder / CAMERAS / name).unlink(missing_ok=True)
+            _log.warning("%s/ holds no text model: %s", CAMERAS, error)
+            left_out.append(f"{CAMERAS}/*.txt: {error.what}")
+        common = common_folder(survey)
+        views = [
+            PosedCamera(photograph.path.relative_to(common).as_posix(), survey.camera_of(index), pose)
+            for index, (photograph, pose) in enumerate(zip(survey.photographs, survey.world_from_camera, strict=True))
+        ]
+        write_transforms_json(views, folder / CAMERAS / "transforms.json")
+    return left_out
 
 
 def write_report(

@@ -7,50 +7,10 @@ from hypothesis import strategies as st
 
 from slideframe.errors import InputError
 from slideframe.formats.colmap import quaternion_of, read_colmap_text, rotation_of, write_colmap_text
-from slideframe.products import Camera, Georeference, Photograph, Survey
+from slideframe.products import Survey
 
 ROUNDING = 1e-12
-GEOREFERENCE = Georeference(latitude=22.28, longitude=114.2, ellipsoidal_height=148.4)
 COUNT = 4
-
-
-@pytest.fixture
-def survey(tmp_path: Path) -> Survey:
-    """Photographs in two folders, of three cameras, looking anywhere."""
-    generator = np.random.default_rng(3)
-    paths = [tmp_path / "photographs" / name for name in ("a.jpg", "b.jpg", "sub/a.jpg", "sub/c.jpg")]
-    for number, path in enumerate(paths):
-        path.parent.mkdir(exist_ok=True, parents=True)
-        path.write_bytes(bytes([number]))
-    rotations = [rotation_of(generator.normal(size=4)) for _ in paths]
-    size = {
-        "width": 1600,
-        "height": 1300,
-        "focal_x": 1973.09,
-        "focal_y": 1955.65,
-        "principal_x": 781,
-        "principal_y": 638.6,
-    }
-    distortions = [(0.0,) * 5, (-0.1, 0.02, 1e-3, 2e-3, 0.0), (-0.42275, 0.369101, 0.0040638, 0.0040638, -0.264306)]
-    digests = [
-        "6e340b9cffb37a989ca544e6bb780a2c78901d3fb33738768511a30617afa01d",
-        "4bf5122f344554c53bde2ebb8cd2b7e3d1600ad631c385a5d7cce23c7785459a",
-        "dbc1b4c900ffe48d575b5da5c638040125f65db0fe3e24494b76ea986457d986",
-        "084fed08b978af4d7d196a7446a86b58009e636b611db16211b65a9aadff29c5",
-    ]
-    return Survey(
-        georeference=GEOREFERENCE,
-        cameras=tuple(Camera(**size, distortion=distortion) for distortion in distortions),
-        photographs=tuple(
-            Photograph(path=path, camera=number % 3, sha256=digest)
-            for number, (path, digest) in enumerate(zip(paths, digests, strict=True))
-        ),
-        world_from_camera=np.stack([np.column_stack([r, generator.normal(size=3) * 50]) for r in rotations]),
-        position_sigma=np.zeros((COUNT, 3)),
-        sparse_points=generator.normal(size=(20, 3)).astype(np.float32),
-        sparse_colors=generator.integers(0, 256, (20, 3)).astype(np.uint8),
-        sparse_errors=generator.random(20).astype(np.float32),
-    )
 
 
 @given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 1e-3))
@@ -63,7 +23,7 @@ def test_quaternions_and_rotations_are_the_same(values: list[float]) -> None:
 
 def test_round_trip(survey: Survey, tmp_path: Path) -> None:
     write_colmap_text(survey, tmp_path / "model")
-    back = read_colmap_text(tmp_path / "model", tmp_path / "photographs", GEOREFERENCE)
+    back = read_colmap_text(tmp_path / "model", tmp_path / "photographs", survey.georeference)
     np.testing.assert_allclose(back.world_from_camera, survey.world_from_camera, atol=1e-11)
     assert back == survey.model_copy(update={"world_from_camera": back.world_from_camera}), "all else bit for bit"
 
@@ -114,4 +74,4 @@ def test_models_that_cannot_be_read(survey: Survey, tmp_path: Path, name: str, t
     if text is not None:
         (folder / name).write_text(text)
     with pytest.raises(InputError, match=what):
-        read_colmap_text(folder, tmp_path / "photographs", GEOREFERENCE)
+        read_colmap_text(folder, tmp_path / "photographs", survey.georeference)

@@ -13,6 +13,7 @@ import numpy as np
 from slideframe.arrays import Float64Array
 from slideframe.errors import InputError
 from slideframe.formats.posed_camera import PosedCamera
+from slideframe.formats.posed_model import PosedModel
 from slideframe.products import Camera, Georeference, Photograph, Survey
 
 Fields = list[str]
@@ -41,7 +42,7 @@ def write_colmap_text(survey: Survey, folder: Path) -> None:
         InputError: an image's name holds a space, at which COLMAP would cut it.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    common = _common_folder(survey)
+    common = common_folder(survey)
     images = (
         (photograph.path.relative_to(common).as_posix(), pose, photograph.camera + 1)
         for photograph, pose in zip(survey.photographs, survey.world_from_camera, strict=True)
@@ -77,6 +78,21 @@ def read_colmap_views(folder: Path) -> list[PosedCamera]:
     return [PosedCamera(fields[9], cameras[int(fields[8])], _world_from_camera(fields)) for fields in images]
 
 
+def read_colmap_model(folder: Path) -> PosedModel:
+    """Read a COLMAP text model in its own frame, images and points in the order of their numbers.
+
+    Raises:
+        InputError: a file is missing, a line can't be read, or a lens model has no counterpart.
+    """
+    numbers = _point_numbers(folder)
+    return PosedModel(
+        views=tuple(read_colmap_views(folder)),
+        points=numbers[:, :3],
+        colors=numbers[:, 3:6].astype(np.uint8),
+        errors=numbers[:, 6],
+    )
+
+
 def read_colmap_text(folder: Path, photographs: Path, georeference: Georeference) -> Survey:
     """Read a COLMAP text model whose world is the local frame of `georeference`; its images lie in `photographs`.
 
@@ -88,8 +104,7 @@ def read_colmap_text(folder: Path, photographs: Path, georeference: Georeference
     cameras = {int(fields[0]): _camera(fields, folder) for fields in _lines(folder / "cameras.txt", 5)}
     camera_ids = sorted(cameras)
     images = sorted(_lines(folder / "images.txt", 10, every=2), key=lambda fields: int(fields[0]))
-    points = sorted(_lines(folder / "points3D.txt", 8), key=lambda fields: int(fields[0]))
-    numbers = np.array([[float(field) for field in fields[1:8]] for fields in points], np.float64).reshape(-1, 7)
+    numbers = _point_numbers(folder)
     return Survey(
         georeference=georeference,
         cameras=tuple(cameras[camera_id] for camera_id in camera_ids),
@@ -100,6 +115,58 @@ def read_colmap_text(folder: Path, photographs: Path, georeference: Georeference
         sparse_colors=numbers[:, 3:6].astype(np.uint8),
         sparse_errors=numbers[:, 6].astype(np.float32),
     )
+
+
+def parameters_of_camera(camera: Camera) -> tuple[str, list[float]]:
+    """Return the simplest lens model that holds a camera exactly, and its parameters."""
+    k1, k2, p1, p2, k3 = camera.distortion
+    values = [camera.focal_x, camera.focal_y, camera.principal_x, camera.principal_y]
+    if k3:
+        return "FULL_OPENCV", [*values, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]
+    return ("OPENCV", [*values, k1, k2, p1, p2]) if any(camera.distortion) else ("PINHOLE", values)
+
+
+def camera_of_parameters(model: str, width: int, height: int, values: Sequence[float], where: str) -> Camera:
+    """Return the camera of a lens model's parameters.
+
+    Raises:
+        InputError: the model is unknown, has other parameters, or has no counterpart.
+    """
+    if model not in PARAMETERS or len(values) != max(PARAMETERS[model]) + 1:
+        raise InputError(
+            f"the lens model '{model}' with {len(values)} parameters can't be read",
+            where=where,
+            cure=f"use one of {', '.join(PARAMETERS)}",
+        )
+    fx, fy, cx, cy, *distortion = (values[place] for place in PARAMETERS[model])
+    k1, k2, p1, p2, k3, *rational = [*distortion, *[0.0] * (5 - len(distortion))]
+    if any(rational):
+        raise InputError(
+            "the lens has rational coefficients k4 to k6, which the survey's cameras don't",
+            where=where,
+            cure="adjust it as OPENCV, or undistort the images",
+        )
+    return Camera(
+        width=width,
+        height=height,
+        focal_x=fx,
+        focal_y=fy,
+        principal_x=cx,
+        principal_y=cy,
+        distortion=(k1, k2, p1, p2, k3),
+    )
+
+
+def world_from_camera_of(numbers: Float64Array) -> Float64Array:
+    """Return world from camera (3, 4) of COLMAP's quaternion (w, x, y, z) and translation, seven numbers."""
+    rotation = rotation_of(numbers[:4])
+    return np.column_stack([rotation.T, -rotation.T @ numbers[4:]])
+
+
+def common_folder(survey: Survey) -> Path:
+    """Return the deepest folder that holds every photograph."""
+    parents = [set(photograph.path.parents) for photograph in survey.photographs]
+    return max(set.intersection(*parents), key=lambda folder: len(folder.parts)) if parents else Path()
 
 
 def quaternion_of(rotation: Float64Array) -> Float64Array:
@@ -136,13 +203,7 @@ def rotation_of(quaternion: Float64Array) -> Float64Array:
 def _camera_lines(cameras: Sequence[Camera]) -> Iterator[str]:
     """Yield the simplest model that holds each camera exactly; floats are written so that they read back the same."""
     for number, camera in enumerate(cameras, 1):
-        k1, k2, p1, p2, k3 = camera.distortion
-        values = [camera.focal_x, camera.focal_y, camera.principal_x, camera.principal_y]
-        model = "PINHOLE"
-        if k3:
-            model, values = "FULL_OPENCV", [*values, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]
-        elif any(camera.distortion):
-            model, values = "OPENCV", [*values, k1, k2, p1, p2]
+        model, values = parameters_of_camera(camera)
         yield f"{number} {model} {camera.width} {camera.height} {_join(values)}"
 
 
@@ -164,12 +225,6 @@ def _point_lines(survey: Survey) -> Iterator[str]:
     rows = zip(survey.sparse_points, survey.sparse_colors, survey.sparse_errors, strict=True)
     for number, (place, color, error) in enumerate(rows, 1):
         yield f"{number} {_join(place)} {color[0]} {color[1]} {color[2]} {float(error)!r}"
-
-
-def _common_folder(survey: Survey) -> Path:
-    """Return the deepest folder that holds every photograph."""
-    parents = [set(photograph.path.parents) for photograph in survey.photographs]
-    return max(set.intersection(*parents), key=lambda folder: len(folder.parts)) if parents else Path()
 
 
 def _join(values: list[float] | Float64Array) -> str:
@@ -207,30 +262,8 @@ def _lines(path: Path, least: int, *, every: int = 1) -> Iterator[Fields]:
 
 
 def _camera(fields: Fields, folder: Path) -> Camera:
-    model, values = fields[1], [float(field) for field in fields[4:]]
-    if model not in PARAMETERS or len(values) != max(PARAMETERS[model]) + 1:
-        raise InputError(
-            f"the lens model '{model}' with {len(values)} parameters can't be read",
-            where=str(folder / "cameras.txt"),
-            cure=f"use one of {', '.join(PARAMETERS)}",
-        )
-    fx, fy, cx, cy, *distortion = (values[place] for place in PARAMETERS[model])
-    k1, k2, p1, p2, k3, *rational = [*distortion, *[0.0] * (5 - len(distortion))]
-    if any(rational):
-        raise InputError(
-            "the lens has rational coefficients k4 to k6, which the survey's cameras don't",
-            where=str(folder / "cameras.txt"),
-            cure="adjust it as OPENCV, or undistort the images",
-        )
-    return Camera(
-        width=int(fields[2]),
-        height=int(fields[3]),
-        focal_x=fx,
-        focal_y=fy,
-        principal_x=cx,
-        principal_y=cy,
-        distortion=(k1, k2, p1, p2, k3),
-    )
+    values = [float(field) for field in fields[4:]]
+    return camera_of_parameters(fields[1], int(fields[2]), int(fields[3]), values, str(folder / "cameras.txt"))
 
 
 def _photograph(fields: Fields, photographs: Path, camera_ids: list[int]) -> Photograph:
@@ -245,6 +278,10 @@ def _photograph(fields: Fields, photographs: Path, camera_ids: list[int]) -> Pho
 
 
 def _world_from_camera(fields: Fields) -> Float64Array:
-    numbers = np.array([float(field) for field in fields[1:8]])
-    rotation = rotation_of(numbers[:4])
-    return np.column_stack([rotation.T, -rotation.T @ numbers[4:]])
+    return world_from_camera_of(np.array([float(field) for field in fields[1:8]]))
+
+
+def _point_numbers(folder: Path) -> Float64Array:
+    """Return place, colour and error (point, 7), in the order of the points' numbers."""
+    points = sorted(_lines(folder / "points3D.txt", 8), key=lambda fields: int(fields[0]))
+    return np.array([[float(field) for field in fields[1:8]] for fields in points], np.float64).reshape(-1, 7)

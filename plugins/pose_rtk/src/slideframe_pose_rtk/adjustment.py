@@ -32,11 +32,13 @@ Poses = dict[int, Float64Array]
 
 @dataclass(frozen=True)
 class Freedom:
-    """What of the cameras the adjustment may change; `held` cameras (indices) stay as they are."""
+    """What of the cameras the adjustment may change, and why; `held` cameras (indices) stay as they are."""
 
     focal_length: bool
+    principal_point: bool
     distortion: bool
     held: frozenset[int] = frozenset()
+    rule: str = ""
 
 
 def triangulate(
@@ -78,7 +80,7 @@ def adjust(
     options.print_summary = False
     options.refine_focal_length = freedom.focal_length
     options.refine_extra_params = freedom.distortion
-    options.refine_principal_point = False
+    options.refine_principal_point = freedom.principal_point
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     options.ceres.loss_function_scale = max(LEAST_LOSS_PIXELS, accepted * LOSS_SHARE)
     options.ceres.solver_options.num_threads = 1

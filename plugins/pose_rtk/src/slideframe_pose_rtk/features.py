@@ -76,6 +76,19 @@ def find_features(
     return found
 
 
+def inspect_pictures(paths: list[Path], context: Context) -> list[PictureQuality | None]:
+    """Return the quality of every picture, None for one that can't be decoded."""
+    qualities: list[PictureQuality | None] = []
+    for index, path in enumerate(paths):
+        context.progress(index, len(paths))
+        try:
+            qualities.append(inspect_picture(_gray(path)))
+        except InputError as error:
+            context.warn(f"{path.name}: {error.what}")
+            qualities.append(None)
+    return qualities
+
+
 def read_array_file(path: Path) -> dict[str, npt.NDArray[np.generic]] | None:
     """Return the arrays of an .npz file, or None where it is absent or damaged."""
     try:

@@ -1,7 +1,7 @@
 """Poses, cameras and sparse points: as metadata gives them, or refined."""
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
@@ -29,6 +29,7 @@ from slideframe_pose_rtk.lens import adjustable_lens, camera_from_lens, exact_le
 from slideframe_pose_rtk.matching import match_photographs
 from slideframe_pose_rtk.pairs import choose_pairs, ground_height
 from slideframe_pose_rtk.resection import resect
+from slideframe_pose_rtk.sparse import SparsePoints, sparse_points
 
 if TYPE_CHECKING:
     import pycolmap
@@ -40,7 +41,7 @@ OBLIQUE_ANGLE = 15.0  # degrees off nadir
 OBLIQUE_SHARE = 0.25
 HEIGHT_SPREAD = 0.2  # of the flying height
 LEAST_FOR_CALIBRATION = 8  # photographs of one camera; fewer leave its distortion to chance
-HELD = Freedom(focal_length=False, distortion=False)
+HELD = Freedom(focal_length=False, principal_point=False, distortion=False)
 
 
 @dataclass(frozen=True)
@@ -49,18 +50,18 @@ class Solution:
 
     Attributes:
         poses: world from camera (3, 4) by photograph.
-        cameras: one for each of the flight's.
-        reconstruction: the sparse points and who sees them.
-        accepted: reprojection error up to which points were accepted, px.
-        focal_length_free: whether the adjustment could change it.
+        cameras: as adjusted, or as they were.
+        camera_of: index into `cameras` by photograph.
+        points: the sparse points.
+        focal_length_rule: whether the focal length was held or free, and why.
         refined: whether the poses differ from metadata's at all.
     """
 
     poses: Poses
     cameras: tuple[Camera, ...]
-    reconstruction: "pycolmap.Reconstruction"
-    accepted: float
-    focal_length_free: bool
+    camera_of: Mapping[int, int]
+    points: SparsePoints
+    focal_length_rule: str
     refined: bool
 
 
@@ -124,7 +125,9 @@ def solve_from_metadata(correspondences: Correspondences) -> Solution:
     accepted = accepted_pixels(flight)[0]
     poses = metadata_poses(flight)
     reconstruction = correspondences.triangulate(correspondences.lenses, poses, accepted)
-    return Solution(poses, flight.cameras, reconstruction, accepted, focal_length_free=False, refined=False)
+    points = sparse_points(flight, reconstruction, accepted)
+    rule = "held: metadata's cameras are kept as they are"
+    return Solution(poses, flight.cameras, dict(enumerate(flight.camera_of)), points, rule, refined=False)
 
 
 def solve_by_refinement(correspondences: Correspondences) -> Solution:
@@ -161,7 +164,8 @@ def solve_by_refinement(correspondences: Correspondences) -> Solution:
         context.progress(0.7 + 0.3 * (number + 1) / len(rounds), 1.0, reprojection_error_px=error)
     require_enough(len(poses), "that can be registered", flight.folder)
     cameras = tuple(camera_from_lens(lens) for lens in lenses)
-    return Solution(poses, cameras, reconstruction, rounds[-1], freedom.focal_length, refined=True)
+    points = sparse_points(flight, reconstruction, rounds[-1])
+    return Solution(poses, cameras, dict(enumerate(flight.camera_of)), points, freedom.rule, refined=True)
 
 
 def warn_of_unregistered(flight: Flight, solution: Solution, context: Context) -> None:
@@ -172,14 +176,29 @@ def warn_of_unregistered(flight: Flight, solution: Solution, context: Context) -
 
 
 def choose_freedom(flight: Flight, focal_length: FocalLength) -> Freedom:
-    """Free the focal length only where oblique views or several heights determine it, unless the user decides."""
-    determined = _oblique_share(flight) >= OBLIQUE_SHARE or _height_spread(flight) >= HEIGHT_SPREAD
+    """Free focal length and principal point only where the flight determines them, unless the user decides."""
+    free, rule = _focal_length_rule(flight) if focal_length == "auto" else (focal_length == "free", "as asked for")
     counts = np.bincount(flight.camera_of, minlength=len(flight.cameras))
+    held = np.flatnonzero(counts < LEAST_FOR_CALIBRATION)
+    if free and len(held) == len(flight.cameras):
+        free, rule = False, f"no camera took {LEAST_FOR_CALIBRATION} photographs"
     return Freedom(
-        focal_length=determined if focal_length == "auto" else focal_length == "free",
+        focal_length=free,
+        principal_point=free,
         distortion=True,
-        held=frozenset(int(camera) for camera in np.flatnonzero(counts < LEAST_FOR_CALIBRATION)),
+        held=frozenset(int(camera) for camera in held),
+        rule=f"{'free' if free else 'held'}: {rule}",
     )
+
+
+def _focal_length_rule(flight: Flight) -> tuple[bool, str]:
+    """Tell whether oblique views or several heights determine the focal length, and how that was seen."""
+    oblique, spread = _oblique_share(flight), _height_spread(flight)
+    if oblique >= OBLIQUE_SHARE:
+        return True, f"{oblique:.0%} of the views are oblique"
+    if spread >= HEIGHT_SPREAD:
+        return True, f"flying heights differ by {spread:.0%}"
+    return False, f"only {oblique:.0%} of the views are oblique and heights differ by {spread:.0%}: any value would fit"
 
 
 def lenses_of(flight: Flight, freedom: Freedom) -> "list[pycolmap.Camera]":

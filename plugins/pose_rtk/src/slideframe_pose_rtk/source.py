@@ -12,10 +12,12 @@ from slideframe.products import Georeference, Survey
 from slideframe.stages import Context, PoseSource
 
 if TYPE_CHECKING:
-    from slideframe_pose_rtk.adjustment import Freedom
+    from slideframe.quality.pictures import PictureQuality
     from slideframe_pose_rtk.flight import Flight
     from slideframe_pose_rtk.intake import Sources
-    from slideframe_pose_rtk.solution import Correspondences
+    from slideframe_pose_rtk.solution import Solution
+
+    Qualities = list[PictureQuality | None]
 
 
 class RtkPoses(PoseSource):
@@ -28,9 +30,14 @@ class RtkPoses(PoseSource):
         default=True,
         description="improve the poses by bundle adjustment; false: metadata's poses alone, as in the paper",
     )
+    model: Path | None = Field(
+        default=None,
+        description="cameras that another program found: a COLMAP model, OpenSfM's or ODM's reconstruction.json, a"
+        " transforms.json, Metashape's cameras.xml, or the folder of one; none: find them",
+    )
     focal_length: Literal["auto", "held", "free"] = Field(
         default="auto",
-        description="auto: adjust it where oblique views or several heights determine it",
+        description="auto: adjust it, and the principal point, where oblique views or several heights determine them",
     )
     feature_limit: int = Field(default=4096, ge=500, le=50_000, description="features sought in a photograph")
     image_size_limit: int = Field(
@@ -67,10 +74,12 @@ class RtkPoses(PoseSource):
 
     def input_files(self, site: Site) -> Sequence[Path]:
         """Return the JPEG files under the site's folder, and what else the cameras are taken from."""
+        from slideframe.formats.models import posed_model_files
         from slideframe_pose_rtk.intake import photograph_files
 
         photographs = photograph_files(site.photographs)
-        return [*photographs, *self._sources().paths(photographs)]
+        model = posed_model_files(self.model) if self.model else ()
+        return [*photographs, *self._sources().paths(photographs), *model]
 
     def preflight(self, problem: ProblemModel, device: Device) -> None:
         """Require a folder with at least three photographs that tell where they were taken."""
@@ -78,6 +87,10 @@ class RtkPoses(PoseSource):
 
         assert isinstance(problem, Site)
         require_some_located(photograph_files(problem.photographs), problem.photographs, self._sources())
+        if self.model:
+            from slideframe.formats.models import read_posed_model
+
+            read_posed_model(self.model)
 
     def locate(self, site: Site, context: Context) -> Survey:
         """Read the metadata, place the cameras in the local frame, and refine them."""
@@ -92,13 +105,12 @@ class RtkPoses(PoseSource):
         flight = plan_flight(records, folder, self.origin, context)
         require_baseline(flight.positions, folder)
         require_orientations(flight, LEAST_PHOTOGRAPHS)
-        freedom = solution.choose_freedom(flight, self.focal_length) if self.refine else solution.HELD
-        solve = solution.solve_by_refinement if self.refine else solution.solve_from_metadata
-        with solution.quiet_colmap():
-            correspondences = self._correspondences(flight, digests, freedom, context)
-            solved = solve(correspondences)
+        if self.model is None:
+            solved, qualities = self._solve(flight, digests, context)
+        else:
+            solved, qualities = self._take_over(self.model, flight, context)
         solution.warn_of_unregistered(flight, solved, context)
-        survey = survey_of(flight, solved, files, digests, correspondences.features)
+        survey = survey_of(flight, solved, files, digests, qualities)
         report(flight, solved, survey, context)
         return survey
 
@@ -116,11 +128,21 @@ class RtkPoses(PoseSource):
             calibration=self.calibration,
         )
 
-    def _correspondences(
-        self, flight: "Flight", digests: list[str], freedom: "Freedom", context: Context
-    ) -> "Correspondences":
+    def _solve(self, flight: "Flight", digests: list[str], context: Context) -> "tuple[Solution, Qualities]":
+        from slideframe_pose_rtk import solution
         from slideframe_pose_rtk.features import FeatureOptions
-        from slideframe_pose_rtk.solution import Correspondences
 
+        freedom = solution.choose_freedom(flight, self.focal_length) if self.refine else solution.HELD
+        solve = solution.solve_by_refinement if self.refine else solution.solve_from_metadata
         options = FeatureOptions(self.feature_limit, self.image_size_limit)
-        return Correspondences(flight, digests, freedom, options, self.partners, context)
+        with solution.quiet_colmap():
+            found = solution.Correspondences(flight, digests, freedom, options, self.partners, context)
+            return solve(found), [features.quality for features in found.features]
+
+    def _take_over(self, model: Path, flight: "Flight", context: Context) -> "tuple[Solution, Qualities]":
+        from slideframe.formats.models import read_posed_model
+        from slideframe_pose_rtk.features import inspect_pictures
+        from slideframe_pose_rtk.imported import solve_from_model
+
+        solved = solve_from_model(flight, read_posed_model(model), context)
+        return solved, inspect_pictures([record.path for record in flight.records], context)
