@@ -49,7 +49,7 @@ def warp_law(precision):
     from slideframe_mpm_warp.runtime import kernels_in
     from slideframe_mpm_warp.stepper import JACOBI_SWEEPS
 
-    kernels = kernels_in(precision, "cpu")
+    kernels = kernels_in(precision, "cpu", False)
     level, wp.config.log_level = wp.config.log_level, wp.LOG_ERROR
 
     @wp.kernel(module="unique", enable_backward=False)

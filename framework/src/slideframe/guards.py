@@ -100,7 +100,7 @@ def start_frame(filling: Filling) -> ParticleFrame:
     )
 
 
-def check_memory(bytes_needed: float, grid: Grid, particle_count: int) -> None:
+def check_memory(bytes_needed: float, particle_count: int, node_count: int) -> None:
     """Refuse what main memory can't hold, before anything is allocated.
 
     Raises:
@@ -110,7 +110,7 @@ def check_memory(bytes_needed: float, grid: Grid, particle_count: int) -> None:
     if bytes_needed > free:
         raise ConfigurationError(
             f"the simulation needs about {bytes_needed / 1e9:.1f} GB for {particle_count:,} particles and "
-            f"{grid.node_count:,} grid nodes, but {free / 1e9:.1f} GB are free",
+            f"{node_count:,} grid nodes, but {free / 1e9:.1f} GB are free",
             where="simulation.grid_spacing",
             cure="raise grid_spacing (doubling it takes an eighth of the memory) or make the region smaller",
         )

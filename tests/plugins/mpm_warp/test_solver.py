@@ -10,7 +10,9 @@ from slideframe import guards
 from slideframe.errors import ConfigurationError, StageFailed
 from slideframe.testing.evidence import digest, fresh_context
 from slideframe.testing.solver_scenes import block_filling, sand_problem
+from slideframe_mpm_warp import cores
 from slideframe_mpm_warp.solver import WarpSolver
+from slideframe_mpm_warp.stepper import Stepper
 
 BLOCK = block_filling((0.5, 0.0, 0.0), (1.5, 0.5, 0.5))
 
@@ -43,7 +45,7 @@ def test_nothing_is_written_to_stdout():
 
 
 def test_too_little_memory_is_refused_before_anything_is_allocated(tmp_path, monkeypatch):
-    monkeypatch.setattr(guards, "available_memory", lambda: 60_000)  # a layer of cells fits, the grid does not
+    monkeypatch.setattr(guards, "available_memory", lambda: 60_000)  # a layer of cells fits, the rest does not
     with pytest.raises(ConfigurationError, match="GB are free"):
         solve(sand_problem(), tmp_path)
 
@@ -69,3 +71,47 @@ def test_a_shuffled_filling_moves_the_same(tmp_path):
     shuffled = BLOCK.model_copy(update={"particle_positions": BLOCK.particle_positions[order]})
     straight, mixed = solve(sand_problem(), tmp_path / "a")[-1], solve(sand_problem(), tmp_path / "b", shuffled)[-1]
     np.testing.assert_allclose(mixed.positions, straight.positions[order], atol=1e-5)
+
+
+SLIDING = sand_problem(gravity=(9.81, 0.0, -9.81), duration=0.8)
+LONG_BLOCK = block_filling((0.5, 0.0, 0.0), (5.0, 0.5, 0.5), size=(8.0, 1.0))
+
+
+def test_threads_do_not_change_a_bit(tmp_path, monkeypatch):
+    """On its slip floor the block crosses a dozen cells, so that the grid is laid anew many times."""
+    monkeypatch.setattr(cores, "LEAST_PARTICLES_PER_CORE", 1)
+    results = []
+    for count in (1, 3):
+        monkeypatch.setattr(cores.os, "sched_getaffinity", lambda _, count=count: set(range(count)))
+        results.append(solve(SLIDING, tmp_path / str(count), LONG_BLOCK))
+    assert (results[0][-1].positions - results[0][0].positions)[:, 0].mean() > 10 * 0.25
+    assert [digest(frame) for frame in results[0]] == [digest(frame) for frame in results[1]]
+
+
+def test_the_code_for_cards_moves_the_same(tmp_path):
+    """Where threads share nodes, other functions scatter and gather; here they run on the processor."""
+
+    def last(coloured):
+        grid = SLIDING.grid(LONG_BLOCK)
+        stepper = Stepper(LONG_BLOCK, SLIDING, grid, "cpu", coloured=coloured)
+        for _ in range(50):
+            stepper.substep()
+        return stepper.frame(0.0)
+
+    mine, cards = last(coloured=True), last(coloured=False)
+    np.testing.assert_allclose(cards.positions, mine.positions, atol=1e-5)
+    np.testing.assert_allclose(cards.velocities, mine.velocities, atol=1e-4)
+    np.testing.assert_allclose(cards.deformation_gradients, mine.deformation_gradients, atol=1e-4)
+
+
+def test_nodes_follow_the_particles(tmp_path):
+    """A block that slides for fifty cells through a box of ten thousand million nodes."""
+    far = LONG_BLOCK.model_copy(update={"bounds": np.array([[0.0, 0.0, 0.0], [4000.0, 1000.0, 100.0]])})
+    grid = SLIDING.grid(far)
+    assert grid.node_count > 1e10
+    stepper = Stepper(far, SLIDING, grid, "cpu")
+    start = stepper.motion()[0]
+    while (stepper.motion()[0] - start)[:, 0].mean() < 50 * 0.25:
+        for _ in range(50):
+            stepper.substep()
+        assert stepper.layout.node_count < 100 * len(start)

@@ -34,7 +34,9 @@ class ReferenceSolver(Solver):
         """Yield the motion; always in float64, whatever `precision` says."""
         grid = check_start(filling, problem)
         particle_count = len(filling.particle_positions)
-        check_memory(particle_count * BYTES_PER_PARTICLE + grid.node_count * BYTES_PER_NODE, grid, particle_count)
+        check_memory(
+            particle_count * BYTES_PER_PARTICLE + grid.node_count * BYTES_PER_NODE, particle_count, grid.node_count
+        )
         time_step, substeps = problem.time_step(grid)
         state = Particles.at_start(filling, problem.material.density)
         simulation = problem.simulation

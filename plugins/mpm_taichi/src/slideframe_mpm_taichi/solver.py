@@ -29,7 +29,7 @@ class TaichiSolver(Solver):
         grid = check_start(filling, problem)
         simulation, particle_count = problem.simulation, len(filling.particle_positions)
         reals = particle_count * REALS_PER_PARTICLE + grid.node_count * REALS_PER_NODE
-        check_memory(reals * np.dtype(simulation.precision).itemsize, grid, particle_count)
+        check_memory(reals * np.dtype(simulation.precision).itemsize, particle_count, grid.node_count)
         time_step, substeps = problem.time_step(grid)
         mass = problem.material.density * float(filling.particle_volumes.sum(dtype=np.float64))
         pace = Pace(context, simulation.frame_count, particle_count, mass, time_step)

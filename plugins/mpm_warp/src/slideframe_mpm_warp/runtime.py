@@ -11,31 +11,31 @@ from types import ModuleType
 
 
 @cache
-def kernels_in(precision: str, device: str) -> ModuleType:
-    """Return the package of kernels in `precision`, compiled for `device`."""
+def kernels_in(precision: str, device: str, shared_nodes: bool) -> ModuleType:
+    """Return the package of kernels in `precision`, compiled for `device`; `shared_nodes`: for many threads a node."""
     with _quiet():
         import warp as wp
 
         # on a machine without a card Warp's library says so to stderr, whatever its log level
         with _silent_stderr() if device == "cpu" else nullcontext():
             wp.init()  # type: ignore[no-untyped-call]
-        kernels = _package_in(precision)
+        kernels = _package_in(precision, shared_nodes)
         wp.load_module(kernels, device=device, recursive=True)
     return kernels
 
 
 @cache
-def _package_in(precision: str) -> ModuleType:
+def _package_in(precision: str, shared_nodes: bool) -> ModuleType:
     """Execute the package `kernels` under a name of its own, since Warp keeps the functions of one name together."""
     import warp as wp
 
-    name = f"slideframe_mpm_warp.kernels_{precision}"
+    name = f"slideframe_mpm_warp.kernels_{precision}" + "_shared" * shared_nodes
     folder = Path(__file__).with_name("kernels")
     specification = spec_from_file_location(name, folder / "__init__.py", submodule_search_locations=[str(folder)])
     assert specification is not None
     assert specification.loader is not None
     package = module_from_spec(specification)
-    package.__dict__["precision"] = getattr(wp, precision)
+    package.__dict__.update(precision=getattr(wp, precision), shared_nodes=shared_nodes)
     sys.modules[name] = package
     specification.loader.exec_module(package)
     return package

@@ -1,6 +1,6 @@
-"""The particles and the grid in Warp's memory, and the substep that moves them."""
+"""The substep that moves the particles over the grid and back."""
 
-from types import ModuleType
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,107 +10,132 @@ from slideframe.arrays import Float64Array
 from slideframe.guards import STRETCH_BOUNDS
 from slideframe.problem import LAWS, Grid, SimulationProblem, Wall
 from slideframe.products import Filling, ParticleFrame
+from slideframe.tiles import MOST_DRIFT
+from slideframe_mpm_warp.cores import Cores
+from slideframe_mpm_warp.layout import INTEGERS_PER_NODE, REALS_PER_NODE, Layout
+from slideframe_mpm_warp.particles import INTEGERS_PER_PARTICLE, REALS_PER_PARTICLE, Particles
 from slideframe_mpm_warp.runtime import kernels_in
 
 WALL_KINDS = {"slip": 0, "stick": 1, "friction": 2}
 JACOBI_SWEEPS = 6
 
-# positions, residuals, velocities, affines, elastic states, volume corrections, deformation gradients, masses, volumes
-REALS_PER_PARTICLE = 3 + 3 + 3 + 9 + 6 + 1 + 9 + 1 + 1
-REALS_PER_NODE = 4
+
+def bytes_needed(particle_count: int, node_count: int, precision: str) -> int:
+    """Return the memory that a simulation takes."""
+    reals = particle_count * REALS_PER_PARTICLE + node_count * REALS_PER_NODE
+    integers = particle_count * INTEGERS_PER_PARTICLE + node_count * INTEGERS_PER_NODE
+    return reals * np.dtype(precision).itemsize + integers * np.dtype(np.int32).itemsize
 
 
 class Stepper:
     """One simulation on one device; a value of `filling` and `problem` until `substep` is called."""
 
-    def __init__(self, filling: Filling, problem: SimulationProblem, grid: Grid, device: str) -> None:
-        """Lay out the particles at t = 0, without stress."""
-        precision = problem.simulation.precision
-        self.grid = grid
-        self.device = device
-        self.kernels: ModuleType = kernels_in(precision, device)
+    def __init__(
+        self, filling: Filling, problem: SimulationProblem, grid: Grid, device: str, *, coloured: bool | None = None
+    ) -> None:
+        """Lay out the particles at t = 0, without stress.
+
+        `coloured`: threads own tiles of nodes, colour by colour, as a processor's few do unless told otherwise; else
+        they share nodes, as a card's thousands do.
+        """
+        import warp as wp
+
+        self.coloured = device == "cpu" if coloured is None else coloured
+        self.grid, self.device, self.problem = grid, device, problem
+        self.kernels: Any = kernels_in(problem.simulation.precision, device, not self.coloured)
         self.time_step, _ = problem.time_step(grid)
-        self._allocate(filling, problem.material.density, np.dtype(precision))
-        self._arrange(problem)
+        self.particles = Particles(filling, problem.material.density, grid, self.kernels, device)
+        self.layout = Layout(self.kernels, device, self.particles.count)
+        self.cores = Cores(self.particles.count if self.coloured else 1)
+        chunks = -(-self.particles.count // self.kernels.CHUNK)
+        self.fastest: Any = wp.zeros(chunks, dtype=self.kernels.Real, device=device)
+        # a bound on how far, in cells, a particle has moved since the layout was made; there is none at first
+        self.drift = np.inf
+        self._phases: list[list[Any]] = []
 
-    def _allocate(self, filling: Filling, density: float, real: "np.dtype[Any]") -> None:
+    def substep(self) -> float:
+        """Advance by one time step, and return the greatest component of velocity, m/s; infinity for NaN."""
+        if self.drift > MOST_DRIFT:
+            self._sort()
+        self.layout.nodes.zero_()
+        self.fastest.zero_()
+        for parts in self._phases:
+            self.cores.run(parts)
+        speed = float(self.fastest.numpy().max())
+        self.drift += speed * self.time_step / self.grid.spacing
+        return speed
+
+    def _sort(self) -> None:
+        """Lay the grid anew, bring the particles into the order of their cells, and prepare the launches."""
+        self.layout.arrange(self.particles["positions"])
+        even = _even_runs(self.particles.count, self.cores.count)
+        for name in self.particles.names():
+            source, target = self.particles.swap(name)
+            self.cores.run(self._record(self.kernels.reorder, even, self.layout.order, source, target))
+        self.drift = 0.0
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Record the launches of a substep, phase by phase; the parts of one phase write to disjoint memory."""
         import warp as wp
 
-        kernels, count = self.kernels, len(filling.particle_positions)
-        cells = (filling.particle_positions.astype(np.float64) - np.array(self.grid.origin)) / self.grid.spacing
-        volumes = filling.particle_volumes.astype(np.float64)
-        identity = np.tile(np.eye(3, dtype=real), (count, 1, 1))
-        with wp.ScopedDevice(self.device):
-            self.positions: Any = wp.array(cells.astype(real), dtype=kernels.Vector)
-            self.residuals: Any = wp.zeros(count, dtype=kernels.Vector)
-            self.velocities: Any = wp.array(filling.start_velocities().astype(real), dtype=kernels.Vector)
-            self.affines: Any = wp.zeros(count, dtype=kernels.Matrix)
-            self.elastic_states: Any = wp.zeros(count, dtype=kernels.Vector6)
-            self.volume_corrections: Any = wp.zeros(count, dtype=kernels.Real)
-            self.deformation_gradients: Any = wp.array(identity, dtype=kernels.Matrix)
-            self.held: Any = wp.zeros(count, dtype=wp.int32)
-            self.masses: Any = wp.array((density * volumes).astype(real), dtype=kernels.Real)
-            self.volumes: Any = wp.array(volumes.astype(real), dtype=kernels.Real)
-            self.nodes: Any = wp.zeros(self.grid.shape, dtype=kernels.Vector4)
+        kernels, layout, particles = self.kernels, self.layout, self.particles
+        where = [layout.columns, layout.corner, layout.across]
+        scattered = [*(particles[name] for name in ("positions", "velocities", "affines", "masses")), *where]
+        runs = layout.cut(self.cores.count) if self.coloured else [[(0, particles.count)]]
+        self._phases = [self._record(kernels.particles_to_grid, run, *scattered, layout.nodes) for run in runs if run]
 
-    def _arrange(self, problem: SimulationProblem) -> None:
-        """Order the arguments of the three launches of a substep, once."""
-        import warp as wp
-
-        kernels, grid, soil, boundary = self.kernels, self.grid, problem.material, problem.boundary
+        boundary, gravity = self.problem.boundary, np.array(self.problem.simulation.gravity)
         walls: tuple[Wall, Wall] = (boundary.sides, boundary.floor)
-        stride = wp.vec2i(grid.shape[1] * grid.shape[2], grid.shape[2])
-        flat = self.nodes.flatten()
-        gravity = np.array(problem.simulation.gravity) * self.time_step
-        self._scatter = [self.positions, self.velocities, self.affines, self.masses, stride, flat]
-        self._update = [
-            self.nodes,
-            kernels.Vector(*gravity),
-            grid.padding,
-            wp.vec2i(*grid.high),
-            wp.vec2i(*(WALL_KINDS[wall.kind] for wall in walls)),
-            kernels.Vector2(*(wall.friction for wall in walls)),
-        ]
-        self._gather = [
-            flat, stride, self.positions, self.residuals, self.velocities, self.affines, self.elastic_states,
-            self.volume_corrections, self.deformation_gradients, self.held, self.masses, self.volumes,
-            self.time_step, grid.spacing, LAWS.index(soil.law), kernels.Soil(*soil.constants),
-            kernels.Vector(*(length - 2.0 for length in grid.shape)), JACOBI_SWEEPS,
-        ]  # fmt: skip
+        even = _even_runs(layout.node_count, self.cores.count)
+        self._phases += [self._record(
+            kernels.update_grid, even, layout.nodes, layout.columns, layout.owners, layout.corner, layout.across,
+            kernels.Vector(*(gravity * self.time_step)), self.grid.padding, wp.vec2i(*self.grid.high),
+            wp.vec2i(*(WALL_KINDS[wall.kind] for wall in walls)), kernels.Vector2(*(wall.friction for wall in walls)),
+        )]  # fmt: skip
 
-    def substep(self) -> None:
-        """Advance by one time step."""
+        names = (
+            "positions", "residuals", "velocities", "affines", "elastic_states", "volume_corrections",
+            "deformation_gradients", "held", "masses", "volumes",
+        )  # fmt: skip
+        soil = self.problem.material
+        even = _even_runs(particles.count, self.cores.count, kernels.CHUNK)
+        self._phases += [self._record(
+            kernels.grid_to_particles, even, layout.nodes, *where, *(particles[name] for name in names), self.fastest,
+            self.time_step, self.grid.spacing, LAWS.index(soil.law), kernels.Soil(*soil.constants),
+            kernels.Vector(*(length - 2.0 for length in self.grid.shape)), JACOBI_SWEEPS,
+        )]  # fmt: skip
+
+    def _record(self, kernel: Any, runs: Sequence[tuple[int, int]], *inputs: Any) -> list[Any]:
+        """Return one launch of a kernel for each run (first, count)."""
         import warp as wp
 
-        kernels, count = self.kernels, len(self.positions)
-        with wp.ScopedDevice(self.device):
-            self.nodes.zero_()
-            wp.launch(kernels.particles_to_grid, dim=count, inputs=self._scatter)
-            wp.launch(kernels.update_grid, dim=self.grid.shape, inputs=self._update)
-            wp.launch(kernels.grid_to_particles, dim=count, inputs=self._gather)
+        return [
+            wp.launch(kernel, dim=count, inputs=[first, *inputs], device=self.device, record_cmd=True)
+            for first, count in runs
+        ]
 
     def motion(self) -> tuple[Float64Array, npt.NDArray[np.floating]]:
-        """Return positions (n, 3), m, and velocities (n, 3), m/s, as they are now."""
-        cells = self.positions.numpy().astype(np.float64)
-        return cells * self.grid.spacing + np.array(self.grid.origin), self.velocities.numpy()
-
-    def escaped(self) -> int:
-        """Return how many particles have been held at the grid's edge."""
-        return int(np.count_nonzero(self.held.numpy()))
+        """Return positions (n, 3), m, and velocities (n, 3), m/s, in the order of the filling."""
+        cells = self.particles.in_order("positions").astype(np.float64)
+        return cells * self.grid.spacing + np.array(self.grid.origin), self.particles.in_order("velocities")
 
     def frame(self, time: float) -> ParticleFrame:
         """Return copies of the state, after bounding the stretch of the rendering frames."""
-        import warp as wp
-
-        with wp.ScopedDevice(self.device):
-            inputs = [self.deformation_gradients, *STRETCH_BOUNDS, JACOBI_SWEEPS]
-            wp.launch(self.kernels.bound_stretch, dim=len(self.positions), inputs=inputs)
+        even = _even_runs(self.particles.count, self.cores.count)
+        inputs = [self.particles["deformation_gradients"], *STRETCH_BOUNDS, JACOBI_SWEEPS]
+        self.cores.run(self._record(self.kernels.bound_stretch, even, *inputs))
         positions, velocities = self.motion()
         return ParticleFrame(
             time=time,
             positions=positions.astype(np.float32),
-            # .numpy() shows Warp's own memory on the CPU, and astype copies it
             velocities=velocities.astype(np.float32),
-            deformation_gradients=self.deformation_gradients.numpy().astype(np.float32),
-            escaped=self.escaped(),
+            deformation_gradients=self.particles.in_order("deformation_gradients").astype(np.float32),
+            escaped=int(np.count_nonzero(self.particles["held"].numpy())),
         )
+
+
+def _even_runs(count: int, parts: int, grain: int = 1) -> list[tuple[int, int]]:
+    """Return at most `parts` runs (first, count) of a whole, cut at multiples of `grain`."""
+    length = max(grain, -(-count // (parts * grain)) * grain)
+    return [(first, min(length, count - first)) for first in range(0, count, length)]

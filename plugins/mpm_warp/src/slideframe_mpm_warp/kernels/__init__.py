@@ -5,17 +5,19 @@ X = b_e - 1 (elastic left Cauchy-Green tensor minus identity) as (xx, yy, zz, yz
 stay small numbers, which a deformation gradient near 1 loses in float32. Between the kernels of one
 substep a particle carries `affines` = spacing * (mass * C - stress term), all that the next scatter needs.
 
-Warp mixes no precisions, so `runtime` loads this package once for each, under a name of its own, with `precision` set
-beforehand; that is why its modules import one another relatively.
+Warp mixes no precisions, so `runtime` loads this package once for each, under a name of its own, with `precision` and
+`shared_nodes` set beforehand; that is why its modules import one another relatively.
 """
 
 from .boundaries import update_grid
+from .layout import bound_columns, bound_tiles, key_particles, place_columns, reorder, size_tiles
 from .materials import Soil, return_mapping
 from .reals import Matrix, Real, Vector, Vector2, Vector4, Vector6
 from .rendering import bound_stretch
-from .transfers import grid_to_particles, particles_to_grid
+from .transfers import CHUNK, grid_to_particles, particles_to_grid
 
 __all__ = [
+    "CHUNK",
     "Matrix",
     "Real",
     "Soil",
@@ -23,9 +25,15 @@ __all__ = [
     "Vector2",
     "Vector4",
     "Vector6",
+    "bound_columns",
     "bound_stretch",
+    "bound_tiles",
     "grid_to_particles",
+    "key_particles",
     "particles_to_grid",
+    "place_columns",
+    "reorder",
     "return_mapping",
+    "size_tiles",
     "update_grid",
 ]

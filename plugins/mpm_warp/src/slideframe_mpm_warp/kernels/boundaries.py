@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from .layout import place_of
 from .reals import Real, Vector, Vector2, Vector4
 
 wp.set_module_options({"enable_backward": False})
@@ -32,7 +33,12 @@ def wall(velocity: Vector, axis: int, inward: Real, kind: int, friction: Real) -
 
 @wp.kernel
 def update_grid(
-    grid: wp.array3d(dtype=Vector4),
+    first: int,
+    grid: wp.array(dtype=Vector4),
+    columns: wp.array(dtype=int),
+    owners: wp.array(dtype=int),
+    corner: wp.vec2i,
+    across: int,
     velocity_change: Vector,
     padding: int,
     high: wp.vec2i,
@@ -40,11 +46,12 @@ def update_grid(
     wall_frictions: Vector2,
 ):
     """Turn momentum into velocity, apply gravity, then the walls; the kinds and frictions are of (sides, floor)."""
-    i, j, k = wp.tid()
-    node = grid[i, j, k]
-    mass = node[3]
+    node = first + wp.tid()
+    entry = grid[node]
+    mass = entry[3]
     if mass > Real(0.0):
-        v = Vector(node[0], node[1], node[2]) / mass + velocity_change
+        i, j, k = place_of(node, columns, owners, corner, across)
+        v = Vector(entry[0], entry[1], entry[2]) / mass + velocity_change
         if i <= padding:
             v = wall(v, 0, Real(1.0), wall_kinds[0], wall_frictions[0])
         if i >= high[0]:
@@ -55,4 +62,4 @@ def update_grid(
             v = wall(v, 1, Real(-1.0), wall_kinds[0], wall_frictions[0])
         if k <= padding:
             v = wall(v, 2, Real(1.0), wall_kinds[1], wall_frictions[1])
-        grid[i, j, k] = Vector4(v[0], v[1], v[2], mass)
+        grid[node] = Vector4(v[0], v[1], v[2], mass)

@@ -10,9 +10,9 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.kernel
-def bound_stretch(deformation_gradients: wp.array(dtype=Matrix), low: Real, high: Real, sweeps: int):
+def bound_stretch(first: int, deformation_gradients: wp.array(dtype=Matrix), low: Real, high: Real, sweeps: int):
     """Hold the principal stretches of the rendering frames between two bounds: F <- F V diag(s' / s) V^T."""
-    particle = wp.tid()
+    particle = first + wp.tid()
     gradient = deformation_gradients[particle]
     squared, vectors = symmetric_eigen(wp.transpose(gradient) * gradient, sweeps)
     ratio = Vector()

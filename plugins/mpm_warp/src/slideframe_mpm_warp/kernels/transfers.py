@@ -3,64 +3,48 @@
 import warp as wp
 
 from .materials import Soil, kirchhoff_stress, return_mapping
-from .reals import Matrix, Real, Vector, Vector4, Vector6
+from .reals import SHARED_NODES, Matrix, Real, Vector, Vector4, Vector6
+from .stencils import stencil_around
 from .tensors import pack, unpack
+
+if SHARED_NODES:
+    from .nodes import gather, scatter
+else:
+    from .rows import gather, scatter
 
 wp.set_module_options({"enable_backward": False})
 
-
-@wp.func
-def arms(offset: Real) -> Vector:
-    """Return the way from a particle to its three nodes along one axis; `offset` is from the first node, in cells."""
-    return Vector(-offset, Real(1.0) - offset, Real(2.0) - offset)
-
-
-@wp.func
-def spline(arm: Vector) -> Vector:
-    """Return the quadratic B-spline's weights of three nodes."""
-    low = Real(1.5) + arm[0]
-    high = Real(1.5) - arm[2]
-    return Vector(Real(0.5) * low * low, Real(0.75) - arm[1] * arm[1], Real(0.5) * high * high)
+# Particles that share one entry of `fastest`: many, to save memory, but few enough not to wait for one another.
+CHUNK = wp.constant(256)
+UNBOUNDED = wp.constant(Real(1e30))
 
 
 @wp.kernel
 def particles_to_grid(
+    first: int,
     positions: wp.array(dtype=Vector),
     velocities: wp.array(dtype=Vector),
     affines: wp.array(dtype=Matrix),
     masses: wp.array(dtype=Real),
-    stride: wp.vec2i,
+    columns: wp.array(dtype=int),
+    corner: wp.vec2i,
+    across: int,
     grid: wp.array(dtype=Vector4),
 ):
     """Scatter momentum (first three) and mass (last) of every particle to its 27 nodes."""
-    particle = wp.tid()
-    position = positions[particle]
-    i = int(position[0] - Real(0.5))
-    j = int(position[1] - Real(0.5))
-    k = int(position[2] - Real(0.5))
-    x_arms = arms(position[0] - Real(i))
-    y_arms = arms(position[1] - Real(j))
-    z_arms = arms(position[2] - Real(k))
-    x_weights = spline(x_arms)
-    y_weights = spline(y_arms)
-    z_weights = spline(z_arms)
+    particle = first + wp.tid()
     mass = masses[particle]
-    momentum = mass * velocities[particle]
-    affine = affines[particle]
-    for a in range(3):
-        for b in range(3):
-            weight = x_weights[a] * y_weights[b]
-            node = (i + a) * stride[0] + (j + b) * stride[1] + k
-            for c in range(3):
-                carried = momentum + affine * Vector(x_arms[a], y_arms[b], z_arms[c])
-                share = weight * z_weights[c]
-                wp.atomic_add(grid, node + c, share * Vector4(carried[0], carried[1], carried[2], mass))
+    stencil = stencil_around(positions[particle], corner, across)
+    scatter(grid, columns, across, stencil, mass * velocities[particle], affines[particle], mass)
 
 
 @wp.kernel
 def grid_to_particles(
+    first: int,
     grid: wp.array(dtype=Vector4),
-    stride: wp.vec2i,
+    columns: wp.array(dtype=int),
+    corner: wp.vec2i,
+    across: int,
     positions: wp.array(dtype=Vector),
     residuals: wp.array(dtype=Vector),
     velocities: wp.array(dtype=Vector),
@@ -71,6 +55,7 @@ def grid_to_particles(
     held: wp.array(dtype=wp.int32),
     masses: wp.array(dtype=Real),
     volumes: wp.array(dtype=Real),
+    fastest: wp.array(dtype=Real),
     time_step: Real,
     spacing: Real,
     law: int,
@@ -78,36 +63,19 @@ def grid_to_particles(
     last_position: Vector,
     sweeps: int,
 ):
-    """Gather velocity and its gradient, move the particle, strain it, and prepare its next scatter."""
-    particle = wp.tid()
+    """Gather velocity and its gradient, move the particle, strain it, and prepare its next scatter.
+
+    `fastest` receives the greatest component of velocity in each chunk of particles, UNBOUNDED for NaN.
+    """
+    particle = first + wp.tid()
     position = positions[particle]
-    i = int(position[0] - Real(0.5))
-    j = int(position[1] - Real(0.5))
-    k = int(position[2] - Real(0.5))
-    x_arms = arms(position[0] - Real(i))
-    y_arms = arms(position[1] - Real(j))
-    z_arms = arms(position[2] - Real(k))
-    x_weights = spline(x_arms)
-    y_weights = spline(y_arms)
-    z_weights = spline(z_arms)
-    velocity = Vector()
-    x_moment = Vector()
-    y_moment = Vector()
-    z_moment = Vector()
-    for a in range(3):
-        for b in range(3):
-            weight = x_weights[a] * y_weights[b]
-            node = (i + a) * stride[0] + (j + b) * stride[1] + k
-            row = Vector()
-            for c in range(3):
-                entry = grid[node + c]
-                share = weight * z_weights[c] * Vector(entry[0], entry[1], entry[2])
-                row += share
-                z_moment += z_arms[c] * share
-            velocity += row
-            x_moment += x_arms[a] * row
-            y_moment += y_arms[b] * row
-    moment = wp.matrix_from_cols(x_moment, y_moment, z_moment)
+    gathered = gather(grid, columns, across, stencil_around(position, corner, across))
+    velocity = Vector(gathered[0, 3], gathered[1, 3], gathered[2, 3])
+    moment = Matrix(
+        gathered[0, 0], gathered[0, 1], gathered[0, 2],
+        gathered[1, 0], gathered[1, 1], gathered[1, 2],
+        gathered[2, 0], gathered[2, 1], gathered[2, 2],
+    )  # fmt: skip
 
     # C = 4 / spacing * moment (Jiang et al. 2015: D = spacing^2 / 4 for quadratic splines)
     change = time_step * Real(4.0) / spacing * moment
@@ -142,3 +110,7 @@ def grid_to_particles(
         position[axis] = moved
     positions[particle] = position
     residuals[particle] = residual
+    speed = wp.max(wp.abs(velocity))
+    if not (speed <= UNBOUNDED):
+        speed = UNBOUNDED
+    wp.atomic_max(fastest, particle // CHUNK, speed)

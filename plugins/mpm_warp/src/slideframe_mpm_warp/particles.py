@@ -1,0 +1,75 @@
+"""The particles in Warp's memory, which sorting moves about."""
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from slideframe.problem import Grid
+from slideframe.products import Filling
+
+# positions, residuals, velocities, affines, elastic states, volume corrections, deformation gradients, masses, volumes,
+# and while sorting one more matrix, vector, state and scalar
+REALS_PER_PARTICLE = 3 + 3 + 3 + 9 + 6 + 1 + 9 + 1 + 1 + (9 + 3 + 6 + 1)
+# held, identities, one more while sorting, and sort keys and places with their spare halves
+INTEGERS_PER_PARTICLE = 1 + 1 + 1 + 2 * 2
+
+
+class Particles:
+    """Arrays of particles by name, in the order of their cells; `identities` leads back to the filling's order."""
+
+    def __init__(self, filling: Filling, density: float, grid: Grid, kernels: ModuleType, device: str) -> None:
+        """Lay out the particles at t = 0, without stress."""
+        import warp as wp
+
+        self.count = len(filling.particle_positions)
+        real = np.dtype(kernels.Real.__name__)
+        cells = (filling.particle_positions.astype(np.float64) - np.array(grid.origin)) / grid.spacing
+        volumes = filling.particle_volumes.astype(np.float64)
+        start: dict[str, tuple[Any, npt.NDArray[Any] | None]] = {
+            "positions": (kernels.Vector, cells),
+            "residuals": (kernels.Vector, None),
+            "velocities": (kernels.Vector, filling.start_velocities()),
+            "affines": (kernels.Matrix, None),
+            "elastic_states": (kernels.Vector6, None),
+            "volume_corrections": (kernels.Real, None),
+            "deformation_gradients": (kernels.Matrix, np.tile(np.eye(3, dtype=real), (self.count, 1, 1))),
+            "masses": (kernels.Real, density * volumes),
+            "volumes": (kernels.Real, volumes),
+            "held": (int, None),
+            "identities": (int, np.arange(self.count)),
+        }
+        self._arrays: dict[str, Any] = {}
+        with wp.ScopedDevice(device):
+            for name, (element, values) in start.items():
+                array = wp.zeros(self.count, dtype=element)
+                if values is not None:
+                    array.assign(values.astype(np.int32 if element is int else real))
+                self._arrays[name] = array
+        self._spares: dict[Any, Any] = {}
+
+    def __getitem__(self, name: str) -> Any:
+        return self._arrays[name]
+
+    def swap(self, name: str) -> tuple[Any, Any]:
+        """Return an array and a spare one of its type that takes its place; the old one is the next spare."""
+        import warp as wp
+
+        array = self._arrays[name]
+        spare = self._spares.pop(array.dtype, None)
+        if spare is None:
+            spare = wp.empty_like(array)
+        self._spares[array.dtype], self._arrays[name] = array, spare
+        return array, spare
+
+    def names(self) -> list[str]:
+        """Return the names of all arrays."""
+        return list(self._arrays)
+
+    def in_order(self, name: str) -> npt.NDArray[Any]:
+        """Return a copy of one array, in the filling's order."""
+        values: npt.NDArray[Any] = self._arrays[name].numpy()
+        ordered = np.empty_like(values)
+        ordered[self._arrays["identities"].numpy()] = values
+        return ordered
