@@ -4,8 +4,10 @@ import json
 import numpy as np
 import pytest
 
+from slideframe.device import Device
 from slideframe.errors import StoreError
 from slideframe.products import ParticleFrame, Picture, SplatCloud
+from slideframe.stages import Context
 from slideframe.store import Store, Stream, digest, read_product, write_product
 
 
@@ -127,3 +129,60 @@ def test_content_tells_results_apart_and_nothing_else(tmp_path):
 def test_keys_depend_on_every_ingredient_but_not_on_order():
     assert digest({"a": 1, "b": [2]}) == digest({"b": [2], "a": 1})
     assert digest({"a": 1}) != digest({"a": 1.5})
+
+
+def broken_stream(entry, whole):
+    """Store some frames of a stream, then fail."""
+
+    def frames():
+        yield from (frame(index) for index in range(whole))
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        entry.write_stream(frames(), dict)
+
+
+def test_a_broken_stream_goes_on_after_the_items_that_are_whole(tmp_path):
+    entry, other = (Store(tmp_path).entry("solver", key) for key in ("broken", "unbroken"))
+    assert entry.stored_items(ParticleFrame) == 0
+    broken_stream(entry, 3)
+    partial = tmp_path / "solver-broken.partial"
+    (partial / "000003.partial").mkdir()  # as a kill in the middle of a write leaves it
+    assert entry.stored_items(ParticleFrame) == 3
+    assert not entry.is_whole
+    entry.write_stream((frame(index) for index in (2, 3)), dict, lambda: 2)
+    other.write_stream((frame(index) for index in range(4)), dict)
+    assert list(entry.read(ParticleFrame)) == list(other.read(ParticleFrame))
+    assert entry.content == other.content
+    assert {path.name for path in entry.folder.iterdir()} == {path.name for path in other.folder.iterdir()}
+
+
+def test_a_broken_stream_that_starts_anew_keeps_nothing(tmp_path):
+    entry = Store(tmp_path).entry("solver", "k")
+    broken_stream(entry, 3)
+    entry.write_stream(iter([frame(7)]), dict)
+    assert list(entry.read(ParticleFrame)) == [frame(7)]
+    assert not (entry.folder / "000001").exists()
+
+
+def test_a_stream_of_which_all_items_were_stored_only_needs_its_manifest(tmp_path):
+    entry = Store(tmp_path).entry("solver", "k")
+    broken_stream(entry, 2)
+    entry.write_stream(iter(()), dict, lambda: 2)
+    assert list(entry.read(ParticleFrame)) == [frame(0), frame(1)]
+
+
+def test_a_damaged_item_of_a_broken_stream_ends_what_is_kept(tmp_path):
+    entry = Store(tmp_path).entry("solver", "k")
+    broken_stream(entry, 3)
+    (tmp_path / "solver-k.partial" / "000001" / "positions.npy").write_bytes(b"")
+    assert entry.stored_items(ParticleFrame) == 1
+
+
+def test_a_stage_can_resume_only_where_items_are_stored(tmp_path):
+    context = Context(Device(), tmp_path, stored=3)
+    assert context.first_item == 0
+    context.resume(2)
+    assert context.first_item == 2
+    with pytest.raises(ValueError, match="3 are stored"):
+        context.resume(4)

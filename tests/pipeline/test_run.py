@@ -225,6 +225,26 @@ def test_a_killed_run_goes_on_and_ends_as_an_unbroken_one(workplace, stage, slow
     assert (broken / "film.mp4").read_bytes() == (unbroken / "film.mp4").read_bytes()
 
 
+def test_a_killed_motion_goes_on_after_its_last_frame_where_the_solver_can(workplace):
+    can = ("--set", "plugins.standin_solver.resumes=true", "--set", "plugins.standin_solver.seconds=0.3")
+    assert workplace.start_and_signal("frame-1", signal.SIGKILL, *can) == -signal.SIGKILL
+    before = set(workplace.calls)
+    workplace.run(*can)
+    after = [call for call in workplace.calls if call.startswith("frame-")]
+    # the last frame that was begun may not have been stored; all frames but that are computed once
+    assert after[0] in (max(before & {f"frame-{index}" for index in range(11)}), f"frame-{11 - len(after)}")
+    assert len(after) < 11
+    assert workplace.result()["solver"]["resumed_from_item"] == 11 - len(after)
+    broken = workplace.folder / "runs" / "case-standin_solver"
+    contents = [json.loads((broken / "particles" / "manifest.json").read_text())["content"]]
+    shutil.copytree(broken, workplace.folder / "broken")
+    workplace.run(*can, "--store", "fresh-store", "--out", "runs/unbroken")
+    unbroken = workplace.folder / "runs" / "unbroken"
+    contents.append(json.loads((unbroken / "particles" / "manifest.json").read_text())["content"])
+    assert contents[0] == contents[1]
+    assert "resumed_from_item" not in workplace.result("unbroken")["solver"]
+
+
 def test_ctrl_c_leaves_a_resumable_run_and_exits_130(workplace):
     slow = ("--set", "plugins.standin_solver.seconds=0.3")
     assert workplace.start_and_signal("standin_solver", signal.SIGINT, *slow) == 130

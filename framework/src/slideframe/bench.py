@@ -152,6 +152,7 @@ class Bench:
             scratch=entry.scratch,
             cache=self.store.cache(stage.name),
             seed=self.seed,
+            stored=entry.stored_items(PRODUCT_OF[stage.kind]) if stage.kind in STREAMS else 0,
             on_progress=lambda done, total, figures: self.watcher.progress(stage, done, total, figures),
         )
         self.watcher.started(stage)
@@ -159,8 +160,10 @@ class Bench:
         meter = Meter()
 
         def finish() -> dict[str, Any]:
+            # the figures of time are of this run alone
+            resumed = {"resumed_from_item": context.first_item} if context.first_item else {}
             return {
-                "figures": context.figures | meter.figures() | {"device": str(device)},
+                "figures": context.figures | meter.figures() | {"device": str(device)} | resumed,
                 "warnings": context.warnings,
                 "made_from": ingredients,
             }
@@ -168,7 +171,8 @@ class Bench:
         try:
             product = work(*map(_unwrap, inputs), context)
             if stage.kind in STREAMS:
-                entry.write_stream(self._checked_items(stage, product, inputs), finish)
+                items = self._checked_items(stage, product, inputs, context)
+                entry.write_stream(items, finish, lambda: context.first_item)
             else:
                 entry.write(self._checked(stage, product), finish)
         except SlideframeError:
@@ -181,14 +185,17 @@ class Bench:
             ) from error
 
     def _checked_items(
-        self, stage: Stage, items: Any, inputs: tuple[Keyed[Any] | ProblemModel, ...]
+        self, stage: Stage, items: Any, inputs: tuple[Keyed[Any] | ProblemModel, ...], context: Context
     ) -> Iterator[Product]:
         if not isinstance(items, Iterator):
             raise self._wrong(stage, items)
-        count = 0
+        given = 0
         for item in items:
-            count += 1
+            if not given and context.first_item:
+                _log.info("%s goes on from item %d", self.listings[stage.name], context.first_item)
+            given += 1
             yield self._checked(stage, item)
+        count = context.first_item + given
         expected = _expected_items(inputs)
         if count != expected:
             raise PluginError(

@@ -35,6 +35,7 @@ class Context:
         cache: a folder of the plugin's own that outlives results and is shared by runs; what lies there is named by
             all that decides it and written whole, and may be deleted at any time. None: nothing is kept.
         seed: seed of every random choice.
+        stored: how many items of this stream a run that broke off has left in the store, from the first on.
         figures: measured results by name, units in the name, such as `held_out_psnr_db`.
         warnings: statements that the user must see beside the result.
     """
@@ -43,9 +44,28 @@ class Context:
     scratch: Path
     cache: Path | None = None
     seed: int = 0
+    stored: int = 0
     on_progress: Callable[[float, float, dict[str, float]], None] = _ignore_progress
     figures: dict[str, FigureValue] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    _resumed: list[int] = field(default_factory=list, init=False, repr=False)
+
+    def resume(self, item: int) -> None:
+        """Let the stream go on from item `item`, so that the stored ones before it are kept.
+
+        To be called before the first item is given. A stage that never calls it gives all items again.
+
+        Raises:
+            ValueError: fewer items are stored.
+        """
+        if not 0 <= item <= self.stored:
+            raise ValueError(f"the stream can't go on from item {item}: {self.stored} are stored")
+        self._resumed[:] = [item]
+
+    @property
+    def first_item(self) -> int:
+        """The item that the stage gives first."""
+        return self._resumed[0] if self._resumed else 0
 
     def progress(self, done: float, total: float, **figures: float) -> None:
         """Tell how far the stage is, with figures worth watching."""

@@ -1,7 +1,8 @@
 """Results on disk, each whole or absent under its key.
 
 store/<kind>-<key>/           manifest.json, and a product's arrays or a stream's numbered items
-store/<kind>-<key>.partial/   being written; renamed when whole, thrown away when found
+store/<kind>-<key>.partial/   being written; renamed when whole. A product's is thrown away when found; a stream's items
+                              are each whole or absent, and a stage that can resume goes on after them
 store/<kind>-<key>.scratch/   the computing stage's own folder; gone when its product is whole
 store/cache/<plugin>/         what a plugin keeps under names of its own for other results; may be deleted at any time
 """
@@ -13,7 +14,7 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar, cast, overload
@@ -145,14 +146,43 @@ class Entry:
             _add_folder(content, partial / "product")
             _write_json(partial / MANIFEST, finish() | {"length": None, "content": content.hexdigest()})
 
-    def write_stream(self, items: Iterable[Product], finish: Callable[[], dict[str, Any]]) -> None:
-        """Store items one by one as they come, holding one in memory."""
-        with self._being_written() as partial:
+    def stored_items(self, product: type[Product]) -> int:
+        """Return how many items of a stream that broke off are whole, from the first on."""
+        count = 0
+        with suppress(StoreError):
+            while (self._beside(".partial") / _item_name(count)).is_dir():
+                read_product(self._beside(".partial") / _item_name(count), product)
+                count += 1
+        return count
+
+    def write_stream(
+        self, items: Iterable[Product], finish: Callable[[], dict[str, Any]], first: Callable[[], int] = lambda: 0
+    ) -> None:
+        """Store items one by one as they come, holding one in memory.
+
+        `first` tells, once an item has come, which it is: those before it are kept as an earlier run stored them.
+        """
+        with self._being_written(keep=True) as partial:
             length, content = 0, hashlib.sha256()
+            started = False
+
+            def start() -> int:
+                kept = _keep_items(partial, first())
+                for index in range(kept):
+                    _add_folder(content, partial / _item_name(index))
+                return kept
+
             for item in items:
-                write_product(partial / _item_name(length), item)
+                if not started:
+                    length, started = start(), True
+                being_written = partial / f"{_item_name(length)}.partial"
+                write_product(being_written, item)
+                with storing(partial):
+                    being_written.rename(partial / _item_name(length))
                 _add_folder(content, partial / _item_name(length))
                 length += 1
+            if not started:  # all were stored
+                length = start()
             _write_json(partial / MANIFEST, finish() | {"length": length, "content": content.hexdigest()})
 
     def read(self, product: type[ProductType]) -> ProductType | Stream[ProductType]:
@@ -166,11 +196,12 @@ class Entry:
         return self.folder.with_name(self.folder.name + suffix)
 
     @contextmanager
-    def _being_written(self) -> Iterator[Path]:
+    def _being_written(self, keep: bool = False) -> Iterator[Path]:
         partial = self._beside(".partial")
         with storing(partial):
-            shutil.rmtree(partial, ignore_errors=True)
-            partial.mkdir(parents=True)
+            if not keep:
+                shutil.rmtree(partial, ignore_errors=True)
+            partial.mkdir(parents=True, exist_ok=True)
         yield partial
         with storing(self.folder):
             os.sync()  # the arrays too are on the disk before the result counts as whole
@@ -272,6 +303,16 @@ def _add_folder(content: "hashlib._Hash", folder: Path) -> None:
     for path in sorted(item for item in folder.rglob("*") if item.is_file()):
         content.update(str(path.relative_to(folder)).encode())
         content.update(bytes.fromhex(digest_file(path)))
+
+
+def _keep_items(partial: Path, count: int) -> int:
+    """Throw away all of a broken stream but its first `count` items."""
+    kept = {_item_name(index) for index in range(count)}
+    with storing(partial):
+        for path in partial.iterdir():
+            if path.name not in kept:
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+    return count
 
 
 def _item_name(index: int) -> str:

@@ -120,12 +120,19 @@ class StandinSolver(Solver):
     seconds: float = Field(default=0.0, ge=0, description="seconds each frame takes")
     fail_at: int = -1
     leave_out: int = Field(default=0, ge=0, description="frames missing at the end")
+    resumes: bool = Field(default=False, description="go on after the frames of a run that broke off")
 
     def solve(self, filling: Filling, problem: SimulationProblem, context: Context) -> Iterator[ParticleFrame]:
         count_call(self.name)
         gravity = np.asarray(problem.simulation.gravity)
         identity = np.tile(np.eye(3, dtype=np.float32), (len(filling.particle_positions), 1, 1))
-        for index in range(problem.simulation.frame_count - self.leave_out):
+        first = 0
+        if self.resumes:
+            first = context.stored
+            context.resume(first)
+        for index in range(first, problem.simulation.frame_count - self.leave_out):
+            if self.resumes:
+                count_call(f"frame-{index}")
             if index == self.fail_at:
                 raise ZeroDivisionError("planted")
             time.sleep(self.seconds)
