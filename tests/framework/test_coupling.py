@@ -9,7 +9,7 @@ from slideframe.coupling import LEAST_STRETCH, MOST_STRETCH, Coupling, MovedSpla
 from slideframe.errors import InputError
 from slideframe.products import Filling, ParticleFrame, SplatCloud
 from slideframe.rotations import rotation_matrices
-from slideframe.singular_values import decompose
+from slideframe.singular_values import decompose, within
 
 # float32 storage of quaternion and scales, relative to the largest entry of the covariance
 COVARIANCE_TOLERANCE = 1e-5
@@ -85,7 +85,8 @@ def test_rigid_rotation_turns_everything():
     R = rotation_matrices(np.array([[0.8, 0.3, -0.4, 0.2]]))[0]
     moved = affine(R, np.array([1.0, -2.0, 0.5]))
     assert_affine(moved, R.astype(np.float32).astype(float), np.array([1.0, -2.0, 0.5]))
-    np.testing.assert_allclose(moved.frame_rotations[MOVING], np.broadcast_to(R, (len(MOVING), 3, 3)), atol=1e-6)
+    varied = np.flatnonzero(CARRIERS >= 0)  # the interior has one colour from everywhere
+    np.testing.assert_allclose(moved.frame_rotations[varied], np.broadcast_to(R, (len(varied), 3, 3)), atol=1e-6)
     scales = np.concatenate([OBSERVED.scales, INTERIOR.scales])
     np.testing.assert_allclose(np.sort(moved.scales[MOVING]), np.sort(scales[MOVING]), rtol=COVARIANCE_TOLERANCE)
 
@@ -175,3 +176,23 @@ def test_the_scar_stays_where_it_is_and_is_bare_once_the_ground_on_it_has_gone()
         np.testing.assert_array_equal(moved.centers[13:], below.centers)
         np.testing.assert_array_equal(moved.scales[13:], below.scales)
         np.testing.assert_allclose(moved.opacities[13:], bare * below.opacities, rtol=1e-5)
+
+
+def test_places_are_those_of_the_whole():
+    coupling, start = Coupling(OBSERVED, filling()), filling().particle_positions
+    random = np.random.default_rng(4)
+    moment = frame(
+        np.eye(3) + 0.5 * random.normal(size=(PARTICLES, 3, 3)), start + 0.3 * random.normal(size=start.shape)
+    )
+    centers, opacities = coupling.places_at(moment)
+    np.testing.assert_array_equal(centers, coupling.at(moment).centers)
+    np.testing.assert_array_equal(opacities, coupling.at(moment).opacities)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0.1, 2))
+def test_within_bounds_is_what_the_singular_values_say(seed, spread):
+    A = np.eye(3) + spread * np.random.default_rng(seed).normal(size=(60, 3, 3))
+    values = np.linalg.svd(A)[1]
+    expected = (values.max(axis=1) < 2) & (values.min(axis=1) > 0.5) & (np.linalg.det(A) > 0)
+    np.testing.assert_array_equal(within(A, 0.5, 2), expected)

@@ -1,6 +1,7 @@
 """How splats ride on particles: positions, shapes and colours of all splats at an output time."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -9,7 +10,7 @@ from slideframe.arrays import Float32Array, Float64Array
 from slideframe.errors import InputError
 from slideframe.products import Filling, ParticleFrame, SplatCloud
 from slideframe.rotations import quaternions_of, rotation_matrices
-from slideframe.singular_values import decompose
+from slideframe.singular_values import decompose, within
 from slideframe.veils import NO_PARTICLE, particles_over
 
 # A splat stretched further is a needle, squeezed further a hole in the ground.
@@ -27,7 +28,8 @@ class MovedSplats:
         opacities: (splat,); those of interior and scar grow from 0 as the particles that hide them leave.
         harmonics: (splat, coefficient, 3), as at t = 0; see `frame_rotations`.
         frame_rotations: (splat, 3, 3), rotation R of the ground about each splat since t = 0. A splat seen
-            along d has the colour of its harmonics at R^T d, which is exact for every band.
+            along d has the colour of its harmonics at R^T d, which is exact for every band. The identity may
+            stand for R where a splat has the same colour from everywhere.
     """
 
     centers: Float32Array
@@ -63,6 +65,8 @@ class Coupling:
         axes: (row, 3, 3), A = R S of each moving splat at t = 0, whose A A^T is the covariance, m.
         veiled: (hidden,), the splats that are hidden at t = 0.
         veils: (hidden,), the carrier whose leaving bares them.
+        varied: (row,), whether a moving splat's colour depends on the direction it is seen from.
+        turns: (carrier,), whether it carries such a splat, so that its rotation matters.
     """
 
     def __init__(self, splats: SplatCloud, filling: Filling) -> None:
@@ -92,6 +96,9 @@ class Coupling:
         self.offsets = self.rest.centers[self.moving].astype(np.float64) - self.start[self.carriers]
         turned = rotation_matrices(self.rest.rotations[self.moving].astype(np.float64))
         self.axes = turned * self.rest.scales[self.moving][:, None, :]
+        self.varied = self.rest.harmonics[self.moving, 1:].any(axis=(1, 2))
+        self.turns = np.zeros(len(self.particles), np.bool_)
+        self.turns[self.carriers[self.varied]] = True
         self._particle_count = len(positions)
 
     def __len__(self) -> int:
@@ -111,36 +118,46 @@ class Coupling:
         Raises:
             InputError: the frame is of other particles than the filling's.
         """
+        rest, carried = self.rest, self._carry(frame)
+        splat, carrier = self.moving[carried.rows], self.carriers[carried.rows]
+        quaternions, scales, turned = rest.rotations.copy(), rest.scales.copy(), rest.frame_rotations.copy()
+        axes, sizes, _ = decompose(carried.gradients[carrier] @ self.axes[carried.rows])
+        quaternions[splat], scales[splat] = quaternions_of(axes), sizes
+        turned[splat] = carried.rotations[carrier]
+        return MovedSplats(carried.centers, quaternions, scales, carried.opacities, rest.harmonics, turned)
+
+    def places_at(self, frame: ParticleFrame) -> tuple[Float32Array, Float32Array]:
+        """Return only centres (splat, 3), m, and opacities (splat,), several times faster."""
+        carried = self._carry(frame)
+        return carried.centers, carried.opacities
+
+    def _carry(self, frame: ParticleFrame) -> "_Carried":
+        """Hold the stretch of the particles that changed, and move the centres on them."""
         self.require_particles_of(frame)
         positions = frame.positions[self.particles].astype(np.float64)
         gradients = frame.deformation_gradients[self.particles].astype(np.float64)
         changed = (positions != self.start).any(axis=1) | (gradients != np.eye(3)).any(axis=(1, 2))
-        gradients[changed], turned = clamp_stretch(gradients[changed])
+        wild = changed & ~within(gradients, LEAST_STRETCH, MOST_STRETCH)
         rotations = np.tile(np.eye(3), (len(gradients), 1, 1))
-        rotations[changed] = turned
-        opacities = self.rest.opacities.copy()
+        treated = wild | (changed & self.turns)
+        gradients[treated], rotations[treated] = clamp_stretch(gradients[treated])
+        rows = np.flatnonzero(changed[self.carriers])
+        splat, carrier = self.moving[rows], self.carriers[rows]
+        centers, opacities = self.rest.centers.copy(), self.rest.opacities.copy()
+        centers[splat] = positions[carrier] + (gradients[carrier] @ self.offsets[rows, :, None])[:, :, 0]
         travelled = np.linalg.norm(positions - self.start, axis=1)
         opacities[self.veiled] *= np.minimum(travelled / self.widths, 1.0)[self.veils]
-        return self._place(np.flatnonzero(changed[self.carriers]), positions, gradients, rotations, opacities)
+        return _Carried(rows, gradients, rotations, centers, opacities)
 
-    def _place(
-        self,
-        rows: npt.NDArray[np.int64],
-        positions: Float64Array,
-        gradients: Float64Array,
-        rotations: Float64Array,
-        opacities: Float32Array,
-    ) -> MovedSplats:
-        """Copy the splats at rest and overwrite the moved ones; `rows` index the moving splats."""
-        rest, splat, carrier = self.rest, self.moving[rows], self.carriers[rows]
-        centers, quaternions, scales = rest.centers.copy(), rest.rotations.copy(), rest.scales.copy()
-        turned = rest.frame_rotations.copy()
-        F = gradients[carrier]
-        centers[splat] = positions[carrier] + (F @ self.offsets[rows, :, None])[:, :, 0]
-        axes, sizes, _ = decompose(F @ self.axes[rows])
-        quaternions[splat], scales[splat] = quaternions_of(axes), sizes
-        turned[splat] = rotations[carrier]
-        return MovedSplats(centers, quaternions, scales, opacities, rest.harmonics, turned)
+
+class _Carried(NamedTuple):
+    """What a frame makes of the carriers: the rows that moved, F and its rotation by carrier, and where splats are."""
+
+    rows: npt.NDArray[np.int64]
+    gradients: Float64Array
+    rotations: Float64Array
+    centers: Float32Array
+    opacities: Float32Array
 
 
 def clamp_stretch(gradients: Float64Array) -> tuple[Float64Array, Float64Array]:

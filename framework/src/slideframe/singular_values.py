@@ -1,6 +1,7 @@
 """Singular value decomposition of many 3x3 matrices at once, several times faster than LAPACK one by one."""
 
 import numpy as np
+import numpy.typing as npt
 
 from slideframe.arrays import Float64Array
 
@@ -30,6 +31,22 @@ def decompose(matrices: Float64Array) -> tuple[Float64Array, Float64Array, Float
         return np.empty((0, 3, 3)), np.empty((0, 3)), np.empty((0, 3, 3))
     left, values, right = (np.concatenate(column) for column in zip(*parts, strict=True))
     return left, values, right
+
+
+def within(matrices: Float64Array, low: float, high: float) -> npt.NDArray[np.bool_]:
+    """Tell of each A (n, 3, 3) whether its singular values lie between the bounds and its determinant is positive.
+
+    That is so where A^T A - low^2 and high^2 - A^T A are positive definite, by their leading minors.
+    """
+    square = matrices.transpose(0, 2, 1) @ matrices
+    identity = np.eye(3)
+    inside = (np.linalg.det(matrices) > 0) & _positive_definite(square - low**2 * identity)
+    return inside & _positive_definite(high**2 * identity - square)
+
+
+def _positive_definite(matrices: Float64Array) -> npt.NDArray[np.bool_]:
+    first, second = matrices[:, 0, 0], np.linalg.det(matrices[:, :2, :2])
+    return (first > 0) & (second > 0) & (np.linalg.det(matrices) > 0)
 
 
 def _decompose_batch(matrices: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:

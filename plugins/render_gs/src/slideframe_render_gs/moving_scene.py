@@ -30,9 +30,6 @@ class MovingScene:
         self._states, self._at_rest = np.empty(carriers, np.uint8), np.ones(carriers, np.bool_)
         self._axes = coupling.axes.astype(np.float32)
         self._stale = np.zeros(rows, np.bool_)
-        self._varied = rest.harmonics[coupling.moving, 1:].any(axis=(1, 2))
-        self._turns = np.zeros(carriers, np.bool_)
-        self._turns[coupling.carriers[self._varied]] = True
         # whatever shape a splat has kept, it is no larger
         self._radii = MOST_STRETCH * rest.scales[coupling.moving].max(axis=1, initial=0)
         self._now = MovedSplats(
@@ -58,7 +55,7 @@ class MovingScene:
         size = camera.focal_x, camera.focal_y, camera.principal_x, camera.principal_y, camera.width, camera.height
         self._run(
             reshape, len(coupling.moving),
-            coupling.moving, coupling.carriers, self._at_rest, self._held, self._turned, self._axes, self._varied,
+            coupling.moving, coupling.carriers, self._at_rest, self._held, self._turned, self._axes, coupling.varied,
             self._radii, np.ascontiguousarray(camera_from_world), np.array(size, np.float64),
             rest.rotations, rest.scales, now.centers, now.opacities, self._stale,
             now.rotations, now.scales, now.frame_rotations,
@@ -70,7 +67,7 @@ class MovingScene:
         coupling, rest, now = self._coupling, self._coupling.rest, self._now
         self._run(
             kernels.follow_particles, len(coupling.particles),
-            frame.positions, frame.deformation_gradients, coupling.particles, coupling.start, self._turns,
+            frame.positions, frame.deformation_gradients, coupling.particles, coupling.start, coupling.turns,
             self._positions, self._gradients, self._held, self._turned, self._states, self._at_rest,
         )  # fmt: skip
         wild = np.flatnonzero(self._states == kernels.OUT_OF_BOUNDS)
