@@ -12,6 +12,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from slideframe import registry
 from slideframe.errors import ConfigurationError, PluginConflict, PluginError, PluginNotFound
+from slideframe.outputs import Outputs
 from slideframe.problem import (
     Boundary,
     FillingProblem,
@@ -55,6 +56,7 @@ class RunConfig(ProblemModel):
     boundary: Boundary = Boundary()
     simulation: Simulation
     view: View = OrbitView()
+    outputs: Outputs = Outputs()
     stages: StageChoice = StageChoice()
     plugins: dict[str, dict[str, Any]] = Field(default={}, description="options of each plugin, by its name")
     seed: int = Field(default=0, ge=0, description="seed of every random choice")

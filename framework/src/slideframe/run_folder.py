@@ -4,6 +4,7 @@ run.toml        the resolved configuration; runs the same again
 result.json     each stage's figures under its kind
 log.jsonl       everything that was logged
 film.mp4        H.264, plays in real time
+contact_sheet.png, before_after.png   its pictures in a table; the first beside the last
 recording.rrd   every product, for the rerun viewer
 survey.html     the survey's quality, with maps
 splats.ply      the reconstruction, in the layout that splat viewers read
@@ -22,12 +23,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from slideframe.bench import Bench
 from slideframe.config import RunConfig, write_toml
 from slideframe.errors import StoreError
 from slideframe.motion import measure
+from slideframe.showing import COMPARISON, FILM, SHEET, Showing
 from slideframe.stages import StageKind
 from slideframe.store import storing
 from slideframe.survey_folder import (
@@ -44,9 +44,8 @@ if TYPE_CHECKING:
     from PIL import Image
 
     from slideframe.quality.appraisal import Appraisal
-    from slideframe.record import Eye
 
-RESULT, CONFIG, LOG, FILM, RECORDING = "result.json", "run.toml", "log.jsonl", "film.mp4", "recording.rrd"
+RESULT, CONFIG, LOG, RECORDING = "result.json", "run.toml", "log.jsonl", "recording.rrd"
 
 
 @dataclass(frozen=True)
@@ -82,20 +81,30 @@ class RunFolder:
                 ) from error
             yield
 
-    def is_current(self, bench: Bench, film: bool) -> bool:
-        """Whether the folder already holds everything of these very results."""
+    def is_current(self, config: RunConfig, bench: Bench, film: bool) -> bool:
+        """Whether the folder already holds everything of these very results, made as the config asks."""
         files = [RESULT, RECORDING] + [FILM] * (film and "renderer" in bench.results)
         if not all((self.folder / name).is_file() for name in files):
             return False
         stored = json.loads((self.folder / RESULT).read_text(encoding="utf-8"))
-        return bool(stored["keys"] == _keys(bench))
+        settings = config.outputs.model_dump(mode="json")
+        return bool(stored["keys"] == _keys(bench) and stored["outputs"].get("settings") == settings)
 
     def deliver(
         self, config: RunConfig, bench: Bench, film: bool, progress: Callable[[str, float, float], None]
     ) -> None:
         """Write everything that the results at hand allow; `result.json` last."""
         with storing(self.folder):
-            for name in (RESULT, RECORDING, FILM, REPORT, "splats.ply", "particles"):  # nothing of another result stays
+            for name in (
+                RESULT,
+                RECORDING,
+                FILM,
+                SHEET,
+                COMPARISON,
+                REPORT,
+                "splats.ply",
+                "particles",
+            ):  # nothing of another result stays
                 (self.folder / name).unlink(missing_ok=True)
             shutil.rmtree(self.folder / CAMERAS, ignore_errors=True)
         left_out = self._exchange_files(bench)
@@ -103,7 +112,11 @@ class RunFolder:
             self._film(config, bench, progress)
         appraisal, maps = self._survey_report(config, bench)
         result = self._result(config, bench, appraisal)
-        result["outputs"] = {"left_out": left_out}
+        result["outputs"] = {
+            "settings": config.outputs.model_dump(mode="json"),
+            "store": str(bench.store.folder.resolve()),
+        }
+        result["outputs"]["left_out"] = left_out
         result["outputs"]["thinned_in_recording"] = self._recording(config, bench, result, maps, progress)
         write_result(self.folder / RESULT, result)
 
@@ -134,16 +147,8 @@ class RunFolder:
         return left_out
 
     def _film(self, config: RunConfig, bench: Bench, progress: Callable[[str, float, float], None]) -> None:
-        from slideframe.formats.video import write_mp4
-
-        pictures = bench.results["renderer"].value
-
-        def counted() -> Iterator[Any]:
-            for index, picture in enumerate(pictures):
-                yield picture
-                progress("film", index + 1, len(pictures))
-
-        write_mp4(counted(), self.folder / FILM, config.simulation.frame_rate)
+        values = [bench.results[kind].value for kind in ("pose_source", "volume_filler", "renderer")]
+        Showing(config, *values).write(self.folder, progress)
 
     def _recording(
         self,
@@ -153,46 +158,19 @@ class RunFolder:
         maps: "Mapping[str, Image.Image]",
         progress: Callable[[str, float, float], None],
     ) -> list[str]:
-        from slideframe import record
+        from slideframe.record.run import record_run
 
-        results = bench.results
-        values = {kind: results[kind].value for kind in results}
-        thinned: list[str] = []
+        values = {kind: keyed.value for kind, keyed in bench.results.items()}
         with storing(self.folder):
-            recording = record.Recording(self.folder / RECORDING, self.folder.name, self._eye(config, values))
-            if "pose_source" in values:
-                record.log_survey(recording.stream, values["pose_source"])
-                record.log_survey_maps(recording.stream, maps)
-            if "reconstructor" in values:
-                record.log_splats(recording.stream, values["reconstructor"])
-            if "volume_filler" in values:
-                record.log_filling(recording.stream, values["volume_filler"])
-            if "solver" in values:
-                thinned = record.log_motion(
-                    recording.stream,
-                    values["reconstructor"],
-                    values["volume_filler"],
-                    values["solver"],
-                    config.simulation_problem,
-                    lambda done, total: progress("recording", done, total),
-                )
-            if "renderer" in values:
-                record.log_film(recording.stream, values["renderer"])
-            toml = (self.folder / CONFIG).read_text(encoding="utf-8")
-            record.log_report(recording.stream, result_table(result, thinned), toml)
-            recording.close()
-        return thinned
-
-    def _eye(self, config: RunConfig, values: Mapping[StageKind, Any]) -> "Eye | None":
-        """Look from where the film begins, once it is known where the mass lies."""
-        from slideframe.record import Eye
-
-        if "volume_filler" not in values or not len(values["volume_filler"].particle_positions):
-            return None
-        positions = values["volume_filler"].particle_positions
-        bounds = np.stack([positions.min(axis=0), positions.max(axis=0)])
-        _, pose = config.view.shot(values["pose_source"], bounds)(0.0)
-        return Eye(tuple(pose[:, 3]), tuple(bounds.mean(axis=0)))
+            return record_run(
+                self.folder / RECORDING,
+                self.folder.name,
+                config,
+                values,
+                maps,
+                lambda thinned: result_table(result, thinned),
+                lambda done, total: progress("recording", done, total),
+            )
 
     def _result(self, config: RunConfig, bench: Bench, appraisal: "Appraisal | None") -> dict[str, Any]:
         result: dict[str, Any] = {"keys": _keys(bench)}

@@ -40,13 +40,13 @@ def within(matrices: Float64Array, low: float, high: float) -> npt.NDArray[np.bo
     """
     square = matrices.transpose(0, 2, 1) @ matrices
     identity = np.eye(3)
-    inside = (np.linalg.det(matrices) > 0) & _positive_definite(square - low**2 * identity)
-    return inside & _positive_definite(high**2 * identity - square)
+    above, below = _positive_definite(square - low**2 * identity), _positive_definite(high**2 * identity - square)
+    return np.asarray((np.linalg.det(matrices) > 0) & above & below)
 
 
 def _positive_definite(matrices: Float64Array) -> npt.NDArray[np.bool_]:
     first, second = matrices[:, 0, 0], np.linalg.det(matrices[:, :2, :2])
-    return (first > 0) & (second > 0) & (np.linalg.det(matrices) > 0)
+    return np.asarray((first > 0) & (second > 0) & (np.linalg.det(matrices) > 0))
 
 
 def _decompose_batch(matrices: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:

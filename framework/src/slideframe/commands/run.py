@@ -143,7 +143,7 @@ def _run(options: RunOptions, config: RunConfig) -> int:
     crew = assemble(config)
     device = parse_device(options.device)
     if options.film:
-        require_encoder()
+        require_encoder("h264", "av1")
     if options.config is None:
         prepare_demo_survey()
     crew.preflight(config, device)
@@ -154,7 +154,7 @@ def _run(options: RunOptions, config: RunConfig) -> int:
         return 0
     run_folder = RunFolder(out)
     with run_folder.locked():
-        if not plan.computed and run_folder.is_current(plan, options.film):
+        if not plan.computed and run_folder.is_current(config, plan, options.film):
             print(f"nothing to do: {out} holds this run")
             return 0
         store.open()

@@ -1,0 +1,70 @@
+"""How the viewer lays a recording out."""
+
+from typing import NamedTuple
+
+import rerun.blueprint as rrb
+
+SURVEY_MAPS = ("cameras", "overlap", "angles", "distances", "residuals")
+
+
+class Eye(NamedTuple):
+    """A place in the local frame, m, and what is looked at from there."""
+
+    position: tuple[float, float, float]
+    target: tuple[float, float, float]
+
+
+def blueprint(eye: Eye | None, active_tab: int = 0) -> rrb.Blueprint:
+    """Lay out the motion with film, map and plots, then the scan, the survey's quality, the volume, the report."""
+    controls = rrb.EyeControls3D(position=eye.position, look_target=eye.target, eye_up=(0, 0, 1)) if eye else None
+
+    def space(name: str, *contents: str) -> rrb.Spatial3DView:
+        return rrb.Spatial3DView(origin="/", contents=list(contents), name=name, eye_controls=controls)
+
+    return rrb.Blueprint(
+        rrb.Tabs(
+            _motion(space("Motion", "/motion/splats")),
+            space("Scan", "/survey/points", "/survey/cameras/**", "/reconstruction/**"),
+            rrb.Grid(
+                *(rrb.Spatial2DView(origin=f"/survey/maps/{name}", name=name.capitalize()) for name in SURVEY_MAPS),
+                name="Survey",
+            ),
+            space("Volume", "/volume/**"),
+            space("Particles", "/motion/particles"),
+            rrb.Horizontal(
+                rrb.TextDocumentView(origin="/report/result", name="Result"),
+                rrb.TextDocumentView(origin="/report/config", name="Configuration"),
+                name="Report",
+            ),
+            active_tab=active_tab,
+        ),
+        rrb.TimePanel(timeline="sim_time", play_state="paused", state="collapsed"),
+        collapse_panels=True,
+    )
+
+
+def _motion(moving: rrb.Spatial3DView) -> rrb.Horizontal:
+    """Put the moving splats beside the film, the map of thickness and the plots."""
+    plots = [
+        rrb.TimeSeriesView(origin=f"/figures/{name}", name=title)
+        for name, title in (
+            ("energy", "Energy, J"),
+            ("mass", "Mass, kg"),
+            ("travel", "Way, m"),
+            ("volume", "Volume outside the source, m³"),
+        )
+    ]
+    return rrb.Horizontal(
+        moving,
+        rrb.Vertical(
+            rrb.Horizontal(
+                rrb.Spatial2DView(origin="/film", name="Film"),
+                rrb.Spatial2DView(origin="/map/thickness", name="Thickness of the moved soil"),
+                column_shares=[3, 2],
+            ),
+            rrb.Grid(*plots, grid_columns=2),
+            row_shares=[2, 3],
+        ),
+        column_shares=[1, 1],
+        name="Motion",
+    )

@@ -1,0 +1,75 @@
+"""All of a run in one recording, within its budget."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from slideframe.config import RunConfig
+from slideframe.record.blueprint import Eye
+from slideframe.record.film import log_film
+from slideframe.record.motion import log_motion
+from slideframe.record.report import log_report
+from slideframe.record.scene import log_filling, log_splats, log_survey, log_survey_maps
+from slideframe.record.stream import Recording
+from slideframe.showing import soil_bounds
+from slideframe.stages import StageKind
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+# of the budget, for figures, maps of thickness, the report and the file's own index
+RESERVE = 0.08
+
+
+def record_run(
+    path: Path,
+    name: str,
+    config: RunConfig,
+    values: Mapping[StageKind, Any],
+    maps: "Mapping[str, Image.Image]",
+    page: Callable[[list[str]], str],
+    progress: Callable[[int, int], None],
+) -> list[str]:
+    """Write the recording of whatever products there are; return what was left out, one phrase each.
+
+    What doesn't move is logged first; the motion has what is then left of the budget.
+
+    Args:
+        path: of the .rrd file.
+        name: of the recording, shown in the viewer.
+        config: of the run.
+        values: the products by their stages' kinds.
+        maps: of the survey's quality, by name.
+        page: makes the result page (markdown) from what was left out.
+        progress: is told of frames done and of how many.
+    """
+    recording, left_out = Recording(path, name, _eye(config, values)), []
+    stream, budget = recording.stream, config.outputs.recording_megabytes * 1e6 * (1 - RESERVE)
+    if "pose_source" in values:
+        log_survey(stream, values["pose_source"])
+        log_survey_maps(stream, maps)
+    if "reconstructor" in values:
+        log_splats(stream, values["reconstructor"])
+    if "volume_filler" in values:
+        log_filling(stream, values["volume_filler"])
+    if "renderer" in values:
+        left_out += log_film(stream, values["renderer"], config.simulation.frame_rate)
+    if "solver" in values:
+        left = int(budget) - recording.written_bytes
+        scene = values["reconstructor"], values["volume_filler"], values["solver"]
+        left_out += log_motion(stream, *scene, config.simulation_problem, left, progress)
+    log_report(stream, page(left_out), path.with_name("run.toml").read_text(encoding="utf-8"))
+    recording.close()
+    return left_out
+
+
+def _eye(config: RunConfig, values: Mapping[StageKind, Any]) -> Eye | None:
+    """Look from where the film begins, once it is known where the mass lies."""
+    if "volume_filler" not in values or not len(values["volume_filler"].particle_positions):
+        return None
+    bounds = soil_bounds(values["volume_filler"])
+    _, pose = config.view.shot(values["pose_source"], bounds)(0.0)
+    target = bounds.mean(axis=0)
+    # as far ahead as the mass lies: the camera of a flight needn't look at it
+    ahead = pose[:, 3] + pose[:, 2] * max(float((target - pose[:, 3]) @ pose[:, 2]), 1.0)
+    return Eye(tuple(pose[:, 3]), tuple(ahead))
