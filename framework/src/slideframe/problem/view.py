@@ -11,14 +11,12 @@ from pydantic import AfterValidator, Field, Tag, model_validator
 
 from slideframe.arrays import Float32Array, Float64Array
 from slideframe.errors import InputError
-from slideframe.formats.colmap import read_colmap_views
+from slideframe.formats.models import posed_model_files, read_posed_model
 from slideframe.formats.posed_camera import PosedCamera, choose_views, posed_cameras
-from slideframe.formats.transforms_json import read_transforms_json
 from slideframe.problem.base import ProblemModel, Share, Vector, kind_or
 from slideframe.problem.camera_path import Shot, Track, evenly, fit_lens, look_at, pinhole, through_views
 from slideframe.products import Camera, Survey
 
-COLMAP_FILES = ("cameras.txt", "images.txt")
 MapName = Literal["depth", "alpha", "normal"]
 
 
@@ -131,7 +129,7 @@ class FileView(ViewModel):
 
     kind: Literal["file"] = "file"
     path: Annotated[Path, AfterValidator(lambda path: path.expanduser().absolute())] = Field(
-        description="a transforms.json, or the folder of a COLMAP text model"
+        description="a transforms.json, or the folder of a COLMAP model; OpenSfM's and Metashape's are read too"
     )
     views: tuple[str, ...] = Field(default=(), description="names of those to go through; none: all, in their order")
     field_of_view: float | None = Field(
@@ -140,15 +138,15 @@ class FileView(ViewModel):
 
     def shot(self, survey: Survey, bounds: Float32Array | Float64Array) -> Shot:
         """Go evenly through the file's cameras."""
-        known = read_transforms_json(self.path) if self.path.suffix == ".json" else read_colmap_views(self.path)
+        known = read_posed_model(self.path).views
         views = choose_views(known, self.views, str(self.path)) if self.views else known
         if not views:
             raise InputError("the file holds no view", where=str(self.path), cure="export the cameras again")
         return _through(views, self)
 
     def require_files(self) -> None:
-        """Raise InputError where the file, or one of the model's two that hold cameras, is missing."""
-        for path in [self.path] if self.path.suffix == ".json" else [self.path / n for n in COLMAP_FILES]:
+        """Raise InputError where one of the model's files is missing."""
+        for path in posed_model_files(self.path):
             if not path.is_file():
                 raise InputError("the view's cameras are missing", where=str(path), cure="correct view.path")
 
