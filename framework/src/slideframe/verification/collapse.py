@@ -62,8 +62,8 @@ class Deposit:
         return float(self.middles[last] + share * (self.middles[last + 1] - self.middles[last]))
 
 
-def run_out(rig: Rig, aspect_ratio: float, friction_angle: float) -> float:
-    """Return (L - L0) / L0 of a plane column on a rough floor."""
+def column(rig: Rig, aspect_ratio: float, friction_angle: float) -> Motion:
+    """Return a plane column that collapses on a rough floor until it lies."""
     height = aspect_ratio * WIDTH
     spacing = min(WIDTH, height) / CELLS
     duration = 4.0 * math.sqrt(height / GRAVITY)
@@ -76,10 +76,15 @@ def run_out(rig: Rig, aspect_ratio: float, friction_angle: float) -> float:
             poisson_ratio=0.3,
         ),
         boundary=Boundary(floor=Wall(kind="stick")),
-        simulation=Simulation(duration=duration, frame_rate=4 / duration, grid_spacing=spacing),
+        simulation=Simulation(duration=duration, frame_rate=20 / duration, grid_spacing=spacing),
     )
     length = math.ceil(WIDTH * (1.5 + 2.5 * aspect_ratio) / spacing) * spacing
-    motion = rig.run(slice_of((0, 0), (WIDTH, height), spacing, length), problem)
+    return rig.run(slice_of((0, 0), (WIDTH, height), spacing, length), problem)
+
+
+def run_out(rig: Rig, aspect_ratio: float, friction_angle: float) -> float:
+    """Return (L - L0) / L0 of a plane column."""
+    motion = column(rig, aspect_ratio, friction_angle)
     return (Deposit.of(motion).front(FRONT_THICKNESS * WIDTH) - WIDTH) / WIDTH
 
 

@@ -2,11 +2,22 @@
 
 from collections.abc import Iterator
 
-from slideframe.verification import aluminium_bars, collapse, contact, elastic, invariance, slopes
+from slideframe.verification import (
+    aluminium_bars,
+    collapse,
+    conservation,
+    contact,
+    elastic,
+    invariance,
+    slopes,
+    vibration,
+)
 from slideframe.verification.case import Case
 
 CASES: tuple[Case, ...] = (
     *elastic.CASES,
+    *vibration.CASES,
+    *conservation.CASES,
     *contact.CASES,
     *invariance.CASES,
     *slopes.CASES,
