@@ -18,6 +18,7 @@ COMMANDS = {
     "schema": "print a JSON Schema of the config for the installed plugins",
     "view": "open a run's recording in the rerun viewer",
     "verify": "check solvers against closed-form solutions and measurements",
+    "compare": "print how far two runs of one problem agree",
     "doctor": "report what this machine offers and lacks",
     "init": "write a commented config to start from",
     "demo-survey": "write the embedded demo's photographs",
