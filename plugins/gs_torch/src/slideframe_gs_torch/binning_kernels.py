@@ -130,8 +130,8 @@ def count_entries(screen, order, columns, starts, strips, tile_counts, slot_star
 
 
 @njit(cache=True, error_model="numpy")
-def fill_entries(screen, columns, starts, strips, tile_starts, entry_splats, entry_slots, entry_rows):
-    """Write every tile's splats, near to far; a splat's slots are adjacent.
+def fill_entries(screen, columns, starts, strips, tile_starts, entry_splats, entry_rows, entry_slots):
+    """Write every tile's splats, near to far.
 
     Args:
         screen: (drawn, SCREEN_COLUMNS), near to far.
@@ -140,8 +140,8 @@ def fill_entries(screen, columns, starts, strips, tile_starts, entry_splats, ent
         strips: (strip, 2), pixel rows.
         tile_starts: (tile + 1,), where each tile's entries start.
         entry_splats: (entry,), out, rows of `screen`.
-        entry_slots: (entry,), out, where the entry's gradient goes.
         entry_rows: (entry, 2), out, first pixel row within the tile and one past the last.
+        entry_slots: (entry,), out, where the entry's gradient goes; a splat's slots are adjacent.
     """
     cursor = tile_starts[:-1].copy()
     slot = 0

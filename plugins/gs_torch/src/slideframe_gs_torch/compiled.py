@@ -80,8 +80,8 @@ class TileLists:
     screen: Float32Array
     starts: npt.NDArray[np.int64]
     splats: Int32Array
-    slots: Int32Array
     rows: UInt8Array
+    slots: Int32Array
     slot_starts: Int32Array
     slot_counts: Int32Array
 
@@ -141,9 +141,9 @@ def list_tiles(screen: Float32Array, view: View) -> TileLists:
     slot_starts, slot_counts = np.zeros(len(screen), np.int32), np.zeros(len(screen), np.int32)
     total = binning.count_entries(ordered, order, columns, strip_starts, strips, counts, slot_starts, slot_counts)
     starts = np.concatenate([[0], np.cumsum(counts)])
-    entries, slots, clipped = np.empty(total, np.int32), np.empty(total, np.int32), np.empty((total, 2), np.uint8)
-    binning.fill_entries(ordered, columns, strip_starts, strips, starts, entries, slots, clipped)
-    return TileLists(order, ordered, starts, entries, slots, clipped, slot_starts, slot_counts)
+    splats, reached, slots = np.empty(total, np.int32), np.empty((total, 2), np.uint8), np.empty(total, np.int32)
+    binning.fill_entries(ordered, columns, strip_starts, strips, starts, splats, reached, slots)
+    return TileLists(order, ordered, starts, splats, reached, slots, slot_starts, slot_counts)
 
 
 def composite(
@@ -167,7 +167,7 @@ def composite_backward(
 ) -> Float32Array:  # fmt: skip
     """Return the moments (slot, MOMENT_COLUMNS) of one image of the drawing."""
     lists = drawing.lists
-    moments = np.empty((len(lists.slots), compositing.MOMENT_COLUMNS), np.float32)
+    moments = np.empty((len(lists.splats), compositing.MOMENT_COLUMNS), np.float32)
     run_shares(
         compositing.composite_backward, len(drawing.processed), view.pixel_count,
         view.tiles[1], lists.screen, paint[lists.order], lists.starts, lists.splats, lists.rows,

@@ -21,6 +21,8 @@ LARGEST_ALPHA = 0.99
 # A tile is left once no pixel passes more light than this (Kerbl et al. 2023); looked at every few splats.
 OPAQUE_TRANSMITTANCE = np.float32(1e-5)
 SPLATS_BETWEEN_LOOKS = 8
+# Splats whose numbers are fetched together.
+BATCH = 64
 # Light left where a pixel counts as having reached the surface, for the median depth.
 MEDIAN_TRANSMITTANCE = np.float32(0.5)
 
@@ -49,8 +51,12 @@ _E3, _E4, _E5 = np.float32(0.16590582561057154), np.float32(0.03964097489255124)
 
 @njit(cache=True, fastmath=True, error_model="numpy", inline="always")
 def exp_of_eight(x):
-    """Return exp(8 x) for x in [-0.75, 0]; further down it is not to be looked at."""
-    e = _E0 + x * (_E1 + x * (_E2 + x * (_E3 + x * (_E4 + x * _E5))))
+    """Return exp(8 x) for x in [-0.75, 0]; further down it is not to be looked at.
+
+    Pairs of terms are independent of one another: what limits the rows is the length of this chain.
+    """
+    square = x * x
+    e = (_E0 + x * _E1) + square * ((_E2 + x * _E3) + square * (_E4 + x * _E5))
     e = e * e
     e = e * e
     return e * e
@@ -70,14 +76,26 @@ def aligned_scratch():
 
 
 @njit(cache=True, error_model="numpy")
-def falloff_terms(splat, tile_x, tile_y):
-    """Return a, b, c, d, e, f with across = a lane + b row + c, along = d row + e, and f = log(opacity) / 8."""
-    u, v, w = 0.25 * splat[ROOT_U], 0.25 * splat[ROOT_V], 0.25 * splat[ROOT_W]
-    offset_x, offset_y = tile_x + 0.5 - splat[MEAN_X], tile_y + 0.5 - splat[MEAN_Y]
-    return (
-        np.float32(u), np.float32(v), np.float32(u * offset_x + v * offset_y),
-        np.float32(w), np.float32(w * offset_y), np.float32(0.125 * splat[LOG_OPACITY]),
-    )  # fmt: skip
+def stage_batch(staged, first, last, tile_x, tile_y, screen, paint, entry_splats):
+    """Write what a tile needs of its next splats into `staged` (BATCH, 9), so that none is waited for alone.
+
+    The columns are a, b, c, d, e, f with across = a lane + b row + c, along = d row + e and f = log(opacity) / 8, and
+    the paint.
+    """
+    for k in range(first, last):
+        splat, out = screen[entry_splats[k]], staged[k - first]
+        u, v, w = 0.25 * splat[ROOT_U], 0.25 * splat[ROOT_V], 0.25 * splat[ROOT_W]
+        offset_x, offset_y = tile_x + 0.5 - splat[MEAN_X], tile_y + 0.5 - splat[MEAN_Y]
+        out[0], out[1], out[2] = u, v, u * offset_x + v * offset_y
+        out[3], out[4], out[5] = w, w * offset_y, 0.125 * splat[LOG_OPACITY]
+        for channel in range(CHANNELS):
+            out[6 + channel] = paint[entry_splats[k], channel]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def terms_of(row):
+    """Return a row of what is staged as numbers."""
+    return row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -120,16 +138,17 @@ def composite(
         processed: (tile,), out: how many entries each tile took before it was opaque.
     """
     height, width = transmittance.shape
-    scratch = aligned_scratch()
+    scratch, staged = aligned_scratch(), np.empty((BATCH, 9), np.float32)
     for tile in range(first_task, last_task):
         tile_x, tile_y = (tile % columns) * TILE, (tile // columns) * TILE
         rows, lanes = min(TILE, height - tile_y), min(TILE, width - tile_x)
         clear_tile(scratch, rows, lanes)
-        taken = 0
-        for k in range(tile_starts[tile], tile_starts[tile + 1]):
-            splat = entry_splats[k]
-            a, b, c, d, e, f = falloff_terms(screen[splat], tile_x, tile_y)
-            first, second, third = paint[splat, 0], paint[splat, 1], paint[splat, 2]
+        start, stop = tile_starts[tile], tile_starts[tile + 1]
+        k = start
+        while k < stop:
+            if (k - start) % BATCH == 0:
+                stage_batch(staged, k, min(k + BATCH, stop), tile_x, tile_y, screen, paint, entry_splats)
+            a, b, c, d, e, f, first, second, third = terms_of(staged[(k - start) % BATCH])
             for i in range(np.uint64(entry_rows[k, 0]) * LANES, np.uint64(entry_rows[k, 1]) * LANES):
                 across, along = a * scratch[i + AT_LANE] + (b * scratch[i + AT_ROW] + c), d * scratch[i + AT_ROW] + e
                 x = f - along * along - across * across
@@ -139,10 +158,10 @@ def composite(
                 scratch[i + AT_FIRST] += weight * first
                 scratch[i + AT_SECOND] += weight * second
                 scratch[i + AT_THIRD] += weight * third
-            taken += 1
-            if taken % SPLATS_BETWEEN_LOOKS == 0 and pixels_passing(scratch) == 0:
+            k += 1
+            if (k - start) % SPLATS_BETWEEN_LOOKS == 0 and pixels_passing(scratch) == 0:
                 break
-        processed[tile] = taken
+        processed[tile] = k - start
         for row in range(rows):
             for lane in range(lanes):
                 left = scratch[row * TILE + lane]
@@ -182,15 +201,16 @@ def composite_backward(
     alpha dL/dalpha = dL/d(8 x); then come w dL/dC. `entry_slots` (entry,) are rows of `moments`; see `composite`.
     """
     height, width = transmittance.shape
-    scratch = aligned_scratch()
+    scratch, staged = aligned_scratch(), np.empty((BATCH, 9), np.float32)
     for tile in range(first_task, last_task):
         tile_x, tile_y = (tile % columns) * TILE, (tile // columns) * TILE
         rows, lanes = min(TILE, height - tile_y), min(TILE, width - tile_x)
         load_gradient(scratch, tile_x, tile_y, rows, lanes, image, transmittance, d_image, d_transmittance)
-        for k in range(tile_starts[tile], tile_starts[tile] + processed[tile]):
-            splat = entry_splats[k]
-            a, b, c, d, e, f = falloff_terms(screen[splat], tile_x, tile_y)
-            first, second, third = paint[splat, 0], paint[splat, 1], paint[splat, 2]
+        start, stop = tile_starts[tile], tile_starts[tile] + processed[tile]
+        for k in range(start, stop):
+            if (k - start) % BATCH == 0:
+                stage_batch(staged, k, min(k + BATCH, stop), tile_x, tile_y, screen, paint, entry_splats)
+            a, b, c, d, e, f, first, second, third = terms_of(staged[(k - start) % BATCH])
             m_0 = m_t = m_s = m_tt = m_ts = m_ss = w_first = w_second = w_third = _ZERO
             for i in range(np.uint64(entry_rows[k, 0]) * LANES, np.uint64(entry_rows[k, 1]) * LANES):
                 across, along = a * scratch[i + AT_LANE] + (b * scratch[i + AT_ROW] + c), d * scratch[i + AT_ROW] + e
@@ -241,16 +261,19 @@ def find_median(first_task, last_task, columns, screen, tile_starts, entry_splat
     The scratch buffer holds the row as a float32, which is exact up to 2^24 splats.
     """
     height, width = median.shape
-    scratch = aligned_scratch()
+    no_paint = np.zeros((len(screen), CHANNELS), np.float32)
+    scratch, staged = aligned_scratch(), np.empty((BATCH, 9), np.float32)
     for tile in range(first_task, last_task):
         tile_x, tile_y = (tile % columns) * TILE, (tile // columns) * TILE
         rows, lanes = min(TILE, height - tile_y), min(TILE, width - tile_x)
         clear_tile(scratch, rows, lanes)
         scratch[TILE * TILE : 2 * TILE * TILE] = -1.0
-        for k in range(tile_starts[tile], tile_starts[tile] + processed[tile]):
-            splat = entry_splats[k]
-            a, b, c, d, e, f = falloff_terms(screen[splat], tile_x, tile_y)
-            index = np.float32(splat)
+        start, stop = tile_starts[tile], tile_starts[tile] + processed[tile]
+        for k in range(start, stop):
+            if (k - start) % BATCH == 0:
+                stage_batch(staged, k, min(k + BATCH, stop), tile_x, tile_y, screen, no_paint, entry_splats)
+            a, b, c, d, e, f, _, _, _ = terms_of(staged[(k - start) % BATCH])
+            index = np.float32(entry_splats[k])
             for i in range(np.uint64(entry_rows[k, 0]) * LANES, np.uint64(entry_rows[k, 1]) * LANES):
                 across, along = a * scratch[i + AT_LANE] + (b * scratch[i + AT_ROW] + c), d * scratch[i + AT_ROW] + e
                 x = f - along * along - across * across

@@ -63,10 +63,11 @@ def gather_moments(scratch, start, count, screen, slot_starts, slot_counts, mome
         total[:] = 0.0
         pull_x = pull_y = 0.0
         for k in range(slot_starts[s], slot_starts[s] + slot_counts[s]):
+            row = moments[k]
             for column in range(MOMENT_COLUMNS):
-                total[column] += moments[k, column]
-            pull_x += abs(u * moments[k, 1])
-            pull_y += abs(v * moments[k, 1] + w * moments[k, 2])
+                total[column] += row[column]
+            pull_x += abs(u * row[1])
+            pull_y += abs(v * row[1] + w * row[2])
         for column in range(6):
             scratch[i + (11 + column) * BLOCK] = total[column]
         scratch[i + 17 * BLOCK], scratch[i + 18 * BLOCK], scratch[i + 19 * BLOCK] = u, v, w
