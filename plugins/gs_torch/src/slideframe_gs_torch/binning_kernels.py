@@ -1,4 +1,4 @@
-"""Which splats touch which 16 x 16 tile, and in which pixel rows, in order of depth, compiled for the CPU."""
+"""Which splats touch which tile, and in which of its pixel rows, in order of depth, compiled for the CPU."""
 
 import math
 
@@ -7,7 +7,10 @@ from numba import njit
 
 from slideframe_gs_torch.projection_kernels import DEPTH, EXTENT_X, EXTENT_Y, HALF_CHORD, MEAN_X, MEAN_Y, SLOPE, TOP_X
 
-TILE = 16
+# Tiles are narrow, so that a row holds few pixels that a splat does not reach, and high, so that they are no more
+# than square ones of as many pixels would be. Sixteen numbers fill the widest vector registers: two rows.
+TILE_WIDTH, TILE_HEIGHT = 8, 32
+ROWS_AT_ONCE = 2
 RADIX_BITS = 11
 # Rows are clipped outside the ellipse by this much, since its numbers are float32: px, and a share of its height.
 CLIP_MARGIN, CLIP_SHARE = 0.01, 5e-4
@@ -58,8 +61,8 @@ def gather(first_task, last_task, order, screen, ordered):
 @njit(cache=True, error_model="numpy")
 def tile_columns(splat, columns):
     """Return the first tile column and one past the last that the splat's box touches."""
-    first = math.floor((splat[MEAN_X] - splat[EXTENT_X] - 0.5) / TILE)
-    last = math.floor((splat[MEAN_X] + splat[EXTENT_X] - 0.5) / TILE) + 1
+    first = math.floor((splat[MEAN_X] - splat[EXTENT_X] - 0.5) / TILE_WIDTH)
+    last = math.floor((splat[MEAN_X] + splat[EXTENT_X] - 0.5) / TILE_WIDTH) + 1
     return min(max(first, 0), columns), min(max(last, 0), columns)
 
 
@@ -86,8 +89,8 @@ def clip_strips(first_task, last_task, screen, columns, height, starts, strips):
         margin = CLIP_MARGIN + CLIP_SHARE * chord
         column, _ = tile_columns(splat, columns)
         for strip in range(starts[i], starts[i + 1]):
-            left = min(max(column * TILE + 0.5 - splat[MEAN_X], -extent), extent)
-            right = min(max(column * TILE + TILE - 0.5 - splat[MEAN_X], -extent), extent)
+            left = min(max(column * TILE_WIDTH + 0.5 - splat[MEAN_X], -extent), extent)
+            right = min(max(column * TILE_WIDTH + TILE_WIDTH - 0.5 - splat[MEAN_X], -extent), extent)
             upper, lower = min(max(top, left), right), min(max(-top, left), right)
             high = slope * upper + chord * math.sqrt(max((1 - upper / extent) * (1 + upper / extent), 0.0)) + margin
             low = slope * lower - chord * math.sqrt(max((1 - lower / extent) * (1 + lower / extent), 0.0)) - margin
@@ -120,7 +123,7 @@ def count_entries(screen, order, columns, starts, strips, tile_counts, slot_star
         slot_starts[order[i]] = slots
         for strip in range(starts[i], starts[i + 1]):
             if strips[strip, 1] > strips[strip, 0]:
-                first, last = strips[strip, 0] // TILE, (strips[strip, 1] - 1) // TILE
+                first, last = strips[strip, 0] // TILE_HEIGHT, (strips[strip, 1] - 1) // TILE_HEIGHT
                 for row in range(first, last + 1):
                     tile_counts[row * columns + column] += 1
                 slots += last + 1 - first
@@ -140,7 +143,7 @@ def fill_entries(screen, columns, starts, strips, tile_starts, entry_splats, ent
         strips: (strip, 2), pixel rows.
         tile_starts: (tile + 1,), where each tile's entries start.
         entry_splats: (entry,), out, rows of `screen`.
-        entry_rows: (entry, 2), out, first pixel row within the tile and one past the last.
+        entry_rows: (entry, 2), out, first pixel row within the tile and one past the last, both even.
         entry_slots: (entry,), out, where the entry's gradient goes; a splat's slots are adjacent.
     """
     cursor = tile_starts[:-1].copy()
@@ -150,12 +153,13 @@ def fill_entries(screen, columns, starts, strips, tile_starts, entry_splats, ent
         for strip in range(starts[i], starts[i + 1]):
             low, high = strips[strip, 0], strips[strip, 1]
             if high > low:
-                for row in range(low // TILE, (high - 1) // TILE + 1):
+                for row in range(low // TILE_HEIGHT, (high - 1) // TILE_HEIGHT + 1):
                     tile = row * columns + column
                     k = cursor[tile]
                     cursor[tile] += 1
                     entry_splats[k], entry_slots[k] = i, slot
-                    entry_rows[k, 0] = max(low - row * TILE, 0)
-                    entry_rows[k, 1] = min(high - row * TILE, TILE)
+                    first, last = max(low - row * TILE_HEIGHT, 0), min(high - row * TILE_HEIGHT, TILE_HEIGHT)
+                    entry_rows[k, 0] = first // ROWS_AT_ONCE * ROWS_AT_ONCE
+                    entry_rows[k, 1] = -(-last // ROWS_AT_ONCE) * ROWS_AT_ONCE
                     slot += 1
             column += 1

@@ -49,7 +49,7 @@ class View:
     def tiles(self) -> tuple[int, int]:
         """Rows and columns of tiles."""
         height, width = self.size
-        return -(-height // binning.TILE), -(-width // binning.TILE)
+        return -(-height // binning.TILE_HEIGHT), -(-width // binning.TILE_WIDTH)
 
     @property
     def viewpoint(self) -> Float64Array:

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numba import njit
 
-from slideframe_gs_torch.binning_kernels import TILE
+from slideframe_gs_torch.binning_kernels import TILE_HEIGHT, TILE_WIDTH
 from slideframe_gs_torch.projection_kernels import LOG_OPACITY, MEAN_X, MEAN_Y, ROOT_U, ROOT_V, ROOT_W, SMALLEST_ALPHA
 
 LARGEST_ALPHA = 0.99
@@ -33,11 +33,11 @@ CHANNELS = 3
 MOMENT_COLUMNS = 9
 
 # Where a tile's planes lie in the scratch buffer; the transmittance comes first.
-PIXELS = np.uint64(TILE * TILE)
-LANES = np.uint64(TILE)
-AT_FIRST, AT_SECOND, AT_THIRD, AT_LANE, AT_ROW, AT_REST = (np.uint64(k * TILE * TILE) for k in range(1, 7))
+PLANE = TILE_WIDTH * TILE_HEIGHT
+PIXELS, LANES = np.uint64(PLANE), np.uint64(TILE_WIDTH)
+AT_FIRST, AT_SECOND, AT_THIRD, AT_LANE, AT_ROW, AT_REST = (np.uint64(k * PLANE) for k in range(1, 7))
 AT_MEDIAN = AT_FIRST
-SCRATCH = 7 * TILE * TILE
+SCRATCH = 7 * PLANE
 # Vectors that straddle cache lines cost double.
 CACHE_LINE = 64
 
@@ -68,10 +68,10 @@ def aligned_scratch():
     room = np.zeros(SCRATCH + CACHE_LINE // 4, np.float32)
     skipped = (CACHE_LINE - room.ctypes.data % CACHE_LINE) % CACHE_LINE // 4
     scratch = room[skipped : skipped + SCRATCH]
-    for row in range(TILE):
-        for lane in range(TILE):
-            scratch[row * TILE + lane + 4 * TILE * TILE] = lane
-            scratch[row * TILE + lane + 5 * TILE * TILE] = row
+    for row in range(TILE_HEIGHT):
+        for lane in range(TILE_WIDTH):
+            scratch[row * TILE_WIDTH + lane + 4 * PLANE] = lane
+            scratch[row * TILE_WIDTH + lane + 5 * PLANE] = row
     return scratch
 
 
@@ -110,10 +110,10 @@ def pixels_passing(scratch):
 @njit(cache=True, error_model="numpy")
 def clear_tile(scratch, rows, lanes):
     """Let all light pass the tile's pixels that lie in the image, and nothing be seen."""
-    scratch[: 4 * TILE * TILE] = 0.0
+    scratch[: 4 * PLANE] = 0.0
     for row in range(rows):
         for lane in range(lanes):
-            scratch[row * TILE + lane] = 1.0
+            scratch[row * TILE_WIDTH + lane] = 1.0
 
 
 @njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
@@ -140,8 +140,8 @@ def composite(
     height, width = transmittance.shape
     scratch, staged = aligned_scratch(), np.empty((BATCH, 9), np.float32)
     for tile in range(first_task, last_task):
-        tile_x, tile_y = (tile % columns) * TILE, (tile // columns) * TILE
-        rows, lanes = min(TILE, height - tile_y), min(TILE, width - tile_x)
+        tile_x, tile_y = (tile % columns) * TILE_WIDTH, (tile // columns) * TILE_HEIGHT
+        rows, lanes = min(TILE_HEIGHT, height - tile_y), min(TILE_WIDTH, width - tile_x)
         clear_tile(scratch, rows, lanes)
         start, stop = tile_starts[tile], tile_starts[tile + 1]
         k = start
@@ -164,10 +164,10 @@ def composite(
         processed[tile] = k - start
         for row in range(rows):
             for lane in range(lanes):
-                left = scratch[row * TILE + lane]
+                left = scratch[row * TILE_WIDTH + lane]
                 transmittance[tile_y + row, tile_x + lane] = left
                 for channel in range(CHANNELS):
-                    seen = scratch[(channel + 1) * TILE * TILE + row * TILE + lane]
+                    seen = scratch[(channel + 1) * PLANE + row * TILE_WIDTH + lane]
                     image[channel, tile_y + row, tile_x + lane] = seen + left * background[channel]
 
 
@@ -178,15 +178,15 @@ def load_gradient(scratch, tile_x, tile_y, rows, lanes, image, transmittance, d_
     C has the background in it, so its share of dL/dT is there already.
     """
     clear_tile(scratch, rows, lanes)
-    scratch[6 * TILE * TILE :] = 0.0
+    scratch[6 * PLANE :] = 0.0
     for row in range(rows):
         for lane in range(lanes):
-            i, y, x = row * TILE + lane, tile_y + row, tile_x + lane
+            i, y, x = row * TILE_WIDTH + lane, tile_y + row, tile_x + lane
             rest = transmittance[y, x] * d_transmittance[y, x]
             for channel in range(CHANNELS):
-                scratch[i + (channel + 1) * TILE * TILE] = d_image[channel, y, x]
+                scratch[i + (channel + 1) * PLANE] = d_image[channel, y, x]
                 rest += d_image[channel, y, x] * image[channel, y, x]
-            scratch[i + 6 * TILE * TILE] = rest
+            scratch[i + 6 * PLANE] = rest
 
 
 @njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
@@ -203,8 +203,8 @@ def composite_backward(
     height, width = transmittance.shape
     scratch, staged = aligned_scratch(), np.empty((BATCH, 9), np.float32)
     for tile in range(first_task, last_task):
-        tile_x, tile_y = (tile % columns) * TILE, (tile // columns) * TILE
-        rows, lanes = min(TILE, height - tile_y), min(TILE, width - tile_x)
+        tile_x, tile_y = (tile % columns) * TILE_WIDTH, (tile // columns) * TILE_HEIGHT
+        rows, lanes = min(TILE_HEIGHT, height - tile_y), min(TILE_WIDTH, width - tile_x)
         load_gradient(scratch, tile_x, tile_y, rows, lanes, image, transmittance, d_image, d_transmittance)
         start, stop = tile_starts[tile], tile_starts[tile] + processed[tile]
         for k in range(start, stop):
@@ -264,10 +264,10 @@ def find_median(first_task, last_task, columns, screen, tile_starts, entry_splat
     no_paint = np.zeros((len(screen), CHANNELS), np.float32)
     scratch, staged = aligned_scratch(), np.empty((BATCH, 9), np.float32)
     for tile in range(first_task, last_task):
-        tile_x, tile_y = (tile % columns) * TILE, (tile // columns) * TILE
-        rows, lanes = min(TILE, height - tile_y), min(TILE, width - tile_x)
+        tile_x, tile_y = (tile % columns) * TILE_WIDTH, (tile // columns) * TILE_HEIGHT
+        rows, lanes = min(TILE_HEIGHT, height - tile_y), min(TILE_WIDTH, width - tile_x)
         clear_tile(scratch, rows, lanes)
-        scratch[TILE * TILE : 2 * TILE * TILE] = -1.0
+        scratch[PLANE : 2 * PLANE] = -1.0
         start, stop = tile_starts[tile], tile_starts[tile] + processed[tile]
         for k in range(start, stop):
             if (k - start) % BATCH == 0:
@@ -284,4 +284,4 @@ def find_median(first_task, last_task, columns, screen, tile_starts, entry_splat
                 scratch[i] = left
         for row in range(rows):
             for lane in range(lanes):
-                median[tile_y + row, tile_x + lane] = np.int32(scratch[TILE * TILE + row * TILE + lane])
+                median[tile_y + row, tile_x + lane] = np.int32(scratch[PLANE + row * TILE_WIDTH + lane])
