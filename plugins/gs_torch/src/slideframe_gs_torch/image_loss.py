@@ -26,11 +26,14 @@ def structural_similarity(drawn: Tensor, truth: Tensor) -> float:
 def _measure(drawn: Float32Array, truth: Float32Array, ssim_weight: float) -> tuple[float, float, Float32Array]:
     """Return SSIM, L1 and the gradient of their weighted loss."""
     drawn = np.ascontiguousarray(drawn, np.float32)
-    blurred = np.empty((5, *drawn.shape), np.float32)
-    slopes = np.empty((3, *drawn.shape), np.float32)
+    channels, height, width = drawn.shape
+    bordered = (channels, height + 2 * kernels.REACH, width)
+    blurred, slopes = np.empty((5, *bordered), np.float32), np.empty((3, *bordered), np.float32)
+    for planes in (blurred, slopes):
+        planes[:, :, : kernels.REACH] = planes[:, :, -kernels.REACH :] = 0
     gradient = np.empty_like(drawn)
     similarity, difference = np.empty(drawn.shape[:2]), np.empty(drawn.shape[:2])
-    rows = drawn.shape[0] * drawn.shape[1]
+    rows = channels * height
     run_shares(kernels.blur_products, rows, drawn.size, drawn, truth, blurred)
     run_shares(kernels.compare, rows, drawn.size, blurred, slopes, similarity)
     run_shares(kernels.combine, rows, drawn.size, drawn, truth, slopes, ssim_weight, gradient, difference)
