@@ -13,7 +13,7 @@ from slideframe.products import Camera, Georeference, Photograph, SplatCloud, Su
 from slideframe.rotations import rotation_matrices
 from slideframe.stages import Context
 from slideframe_gs_torch import training
-from slideframe_gs_torch.densification import Schedule, densify
+from slideframe_gs_torch.densification.budgeted_splits import Schedule, densify
 from slideframe_gs_torch.evaluation import draw_view
 from slideframe_gs_torch.optimiser import Adam
 from slideframe_gs_torch.parameters import Parameters
@@ -24,7 +24,9 @@ from slideframe_gs_torch.views import TrainingView
 CAMERA = Camera(width=96, height=72, focal_x=90.0, focal_y=90.0, principal_x=48.0, principal_y=36.0)
 SKY = (0.62, 0.74, 0.86)
 # the photographs below show this sky round a small piece of ground
-OPTIONS = TorchSplats(iterations=250, splat_budget=1500, image_width=96, hold_out_every=5, background=SKY)
+OPTIONS = TorchSplats(
+    iterations=250, splat_budget=1500, image_width=96, hold_out_every=5, background=SKY, settle_gain=0
+)
 # The scene's own splats reach 50 dB; a scene of one mean colour 15 dB; 250 iterations some 27 dB.
 REACHED_PSNR_DB = 24.0
 
@@ -76,7 +78,7 @@ def flight(tmp_path_factory) -> Survey:
 
 
 def context(folder: Path, **further) -> Context:
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     return Context(device=Device(), scratch=folder, **further)
 
 
@@ -112,6 +114,34 @@ def test_a_run_cut_off_resumes_to_the_same_bits(flight, unbroken, tmp_path):
     )
     assert min(reports) > training.CHECKPOINT_EVERY
     assert resumed == unbroken[0]
+
+
+@pytest.mark.parametrize("way", ["mcmc", "clone_and_split"])
+def test_other_ways_of_densifying_learn_the_scene_within_the_budget_and_resume_to_the_same_bits(way, flight, tmp_path):
+    options = OPTIONS.model_copy(update={"densification": way})
+
+    def interrupt(done: float, total: float, figures: dict[str, float]) -> None:
+        if done > training.CHECKPOINT_EVERY:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        options.reconstruct(flight, context(tmp_path / "broken", on_progress=interrupt))
+    resumed = options.reconstruct(flight, context(tmp_path / "broken"))
+    surroundings = context(tmp_path / "unbroken")
+    splats = options.reconstruct(flight, surroundings)
+    assert splats == resumed
+    assert 300 < len(splats) <= options.splat_budget
+    # fewer splats (clone_and_split) and more exploration (mcmc) need more than 250 iterations for the same likeness
+    assert surroundings.figures["held_out_psnr_db"] > REACHED_PSNR_DB - 4
+
+
+def test_training_that_no_longer_gains_ends_early(flight, tmp_path):
+    patient = OPTIONS.model_copy(update={"settle_gain": 100.0})
+    surroundings = context(tmp_path)
+    patient.reconstruct(flight, surroundings)
+    assert 0.7 * OPTIONS.iterations <= surroundings.figures["iterations"] < 0.8 * OPTIONS.iterations
+    curve = surroundings.figures["held_out_psnr_db_by_second"]
+    assert max(curve.values()) > next(iter(curve.values()))
 
 
 def test_few_points_start_at_random_with_a_warning(flight, tmp_path):

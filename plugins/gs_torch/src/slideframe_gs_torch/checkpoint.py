@@ -1,28 +1,43 @@
 """Training that was cut off goes on where it was."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from slideframe_gs_torch.exposure import Exposures
 from slideframe_gs_torch.optimiser import Adam
 from slideframe_gs_torch.parameters import Parameters
 
 FILE_NAME = "checkpoint.pt"
-NUMBERS = ("start_count", "iteration", "seconds")
+NUMBERS = ("start_count", "iteration", "seconds", "curve")
 
 
 @dataclass
 class State:
-    """All that the next iteration depends on."""
+    """All that the next iteration depends on.
+
+    Attributes:
+        parameters: the splats.
+        adam: their running moments.
+        score: (splat, ...), what the way of densifying has observed.
+        start_count: number of splats at the start.
+        exposures: of the photographs shown.
+        iteration: iterations done.
+        seconds: time that they took.
+        curve: (iteration, seconds, held-out PSNR in dB), each time that it was measured on the way.
+    """
 
     parameters: Parameters
     adam: Adam
     score: Tensor
     start_count: int
+    exposures: Exposures
     iteration: int = 0
     seconds: float = 0.0
+    curve: list[tuple[int, float, float]] = field(default_factory=list)
 
 
 def save(state: State, folder: Path) -> None:
@@ -33,6 +48,7 @@ def save(state: State, folder: Path) -> None:
         "square": state.adam.square,
         "steps": state.adam.steps,
         "score": state.score,
+        "exposures": {item.name: getattr(state.exposures, item.name) for item in fields(Exposures)},
         **{name: getattr(state, name) for name in NUMBERS},
     }
     partial = folder / f"{FILE_NAME}.part"
@@ -45,7 +61,8 @@ def load(folder: Path) -> State | None:
     path = folder / FILE_NAME
     if not path.exists():
         return None
-    content = torch.load(path, weights_only=True)
+    content: dict[str, Any] = torch.load(path, weights_only=True)
     raw = {name: tensor.requires_grad_() for name, tensor in content["raw"].items()}
     adam = Adam(content["mean"], content["square"], content["steps"])
-    return State(Parameters(raw), adam, content["score"], *(content[name] for name in NUMBERS))
+    numbers = {name: content[name] for name in NUMBERS}
+    return State(Parameters(raw), adam, content["score"], exposures=Exposures(**content["exposures"]), **numbers)

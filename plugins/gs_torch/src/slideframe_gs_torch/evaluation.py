@@ -6,6 +6,7 @@ import torch
 
 from slideframe.errors import InputError
 from slideframe.products import SplatCloud
+from slideframe_gs_torch.exposure import fitted
 from slideframe_gs_torch.image_loss import structural_similarity
 from slideframe_gs_torch.rasterize import rasterize
 from slideframe_gs_torch.views import TrainingView
@@ -16,10 +17,11 @@ SMALLEST_SQUARE = 1e-10
 
 @dataclass(frozen=True)
 class Likeness:
-    """Peak signal-to-noise ratio, dB, and structural similarity of one view."""
+    """Peak signal-to-noise ratio, dB, and structural similarity of one view; PSNR also with the exposure fitted."""
 
     psnr: float
     ssim: float
+    fitted_psnr: float
 
 
 def draw_view(splats: SplatCloud, view: TrainingView, background: tuple[float, float, float]) -> torch.Tensor:
@@ -43,8 +45,14 @@ def likeness(splats: SplatCloud, view: TrainingView, background: tuple[float, fl
     share = 1.0 if view.mask is None else float(view.mask.double().mean())
     if share == 0:
         raise InputError("the lens saw nothing in this photograph", where=view.name, cure="leave it out, or its mask")
-    square = (drawn - truth).double().square().mean() / share
-    psnr = -10 * torch.log10(square.clamp_min(SMALLEST_SQUARE))
     # where the lens saw nothing both pictures are alike and count as 1: take that part off again
     ssim = (structural_similarity(drawn, truth) - (1 - share)) / share
-    return Likeness(float(psnr), ssim)
+    same_exposure = fitted(drawn, truth, view.mask)
+    if view.mask is not None:
+        same_exposure = torch.where(view.mask, same_exposure, truth)
+    return Likeness(_psnr(drawn, truth, share), ssim, _psnr(same_exposure, truth, share))
+
+
+def _psnr(drawn: torch.Tensor, truth: torch.Tensor, share: float) -> float:
+    square = (drawn - truth).double().square().mean() / share
+    return float(-10 * torch.log10(square.clamp_min(SMALLEST_SQUARE)))

@@ -40,3 +40,9 @@ class Adam:
             for name, tensor in moments.items():
                 tensor[replaced] = 0
                 moments[name] = torch.cat([tensor, tensor.new_zeros(added, *tensor.shape[1:])])
+
+    def keep(self, kept: Tensor) -> None:
+        """Drop the moments of the rows that are not kept (row,)."""
+        for moments in (self.mean, self.square):
+            for name, tensor in moments.items():
+                moments[name] = tensor[kept]

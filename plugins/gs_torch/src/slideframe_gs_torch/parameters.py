@@ -26,10 +26,10 @@ class Parameters:
     def __len__(self) -> int:
         return len(self.raw["centers"])
 
-    def splats(self) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-        """Return what `rasterize` draws."""
+    def splats(self, degree: int) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+        """Return what `rasterize` draws, with harmonics up to a degree."""
         raw = self.raw
-        harmonics = torch.cat([raw["base"], raw["rest"]], dim=1)
+        harmonics = torch.cat([raw["base"], raw["rest"][:, : (degree + 1) ** 2 - 1]], dim=1)
         return raw["centers"], raw["rotations"], raw["log_scales"].exp(), raw["logits"].sigmoid(), harmonics
 
     def export(self, anisotropy_limit: float) -> SplatCloud:

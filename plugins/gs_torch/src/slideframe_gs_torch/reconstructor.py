@@ -1,11 +1,13 @@
 """The reconstructor stage; its backend is imported only when it computes."""
 
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import AfterValidator, Field
 
 from slideframe.products import SplatCloud, Survey
 from slideframe.stages import Context, Reconstructor
+
+Densification = Literal["budgeted_splits", "mcmc", "clone_and_split"]
 
 
 def _not_all(hold_out_every: int) -> int:
@@ -24,6 +26,12 @@ class TorchSplats(Reconstructor):
     splat_budget: int = Field(
         default=100_000, ge=100, le=10_000_000, description="most splats that densification makes"
     )
+    densification: Densification = Field(
+        default="budgeted_splits",
+        description="where splats are added: 'budgeted_splits' splits those that the picture pulls at most until the "
+        "budget is reached; 'mcmc' is that of Kheradmand et al. 2024; 'clone_and_split' that of Kerbl et al. 2023 with "
+        "absolute gradients",
+    )
     image_width: int = Field(
         default=640, ge=16, le=16_384, description="px that photographs are reduced to for training"
     )
@@ -31,6 +39,26 @@ class TorchSplats(Reconstructor):
     anisotropy_limit: float = Field(default=3.0, gt=1, le=100, description="r: largest ratio of a splat's scales")
     anisotropy_weight: float = Field(default=0.1, ge=0, description="lambda of the anisotropy loss")
     ssim_weight: float = Field(default=0.2, ge=0, le=1, description="share of 1 - SSIM in the image loss, beside L1")
+    depth_weight: float = Field(
+        default=0.0,
+        ge=0,
+        description="weight of the depth of the survey's sparse points in the loss, relative to their distance; it "
+        "costs about as much time as the colours",
+    )
+    exposure_correction: bool = Field(
+        default=False, description="learn a gain and an offset of each channel for every photograph"
+    )
+    near_share: float = Field(
+        default=0.2,
+        ge=0,
+        lt=1,
+        description="splats nearer to a camera than this share of its distance to the scene float, and are taken away",
+    )
+    settle_gain: float = Field(
+        default=0.02,
+        ge=0,
+        description="training ends early once a tenth of the iterations gains less than this held out, dB; 0: never",
+    )
     hold_out_every: Annotated[int, AfterValidator(_not_all)] = Field(
         default=8, ge=0, description="every n-th photograph only measures; 0: all train"
     )

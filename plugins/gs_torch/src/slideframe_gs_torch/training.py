@@ -13,12 +13,13 @@ from slideframe.stages import Context
 from slideframe_gs_torch import checkpoint
 from slideframe_gs_torch.anisotropy import anisotropy_loss, share_above
 from slideframe_gs_torch.checkpoint import State
-from slideframe_gs_torch.densification import Schedule, densify
-from slideframe_gs_torch.evaluation import likeness
+from slideframe_gs_torch.densification import Densifier, densifier
+from slideframe_gs_torch.exposure import Exposures
+from slideframe_gs_torch.held_out import HeldOut
 from slideframe_gs_torch.image_loss import image_loss
 from slideframe_gs_torch.initialisation import initial_parameters, scene_extent, warn_of_few_points
 from slideframe_gs_torch.optimiser import Adam
-from slideframe_gs_torch.rasterize import rasterize
+from slideframe_gs_torch.rasterize import Raster, rasterize
 from slideframe_gs_torch.threads import one_torch_thread
 from slideframe_gs_torch.views import TrainingView, load_views
 
@@ -29,16 +30,17 @@ if TYPE_CHECKING:
 # of Kerbl et al. 2023, whose training is ten times as long.
 CENTER_RATE, CENTER_DECAY = 6e-4, 0.01
 RATES = {"rotations": 2e-3, "log_scales": 2e-2, "logits": 4e-2, "base": 2e-2, "rest": 1e-3}
-# Opacity that the picture does not ask for fades: floaters in front of the cameras vanish and are put to use.
-OPACITY_WEIGHT = 0.005
 # Shares of the iterations at which the picture has a quarter and a half of its width.
 QUARTER_UNTIL, HALF_UNTIL = 0.15, 0.4
 # A splat's largest scale, in scene extents: beyond it lies a curtain behind the scene, not the ground.
 LARGEST_SHARE = 0.05
 # Its smallest: far below a pixel, and far above the underflow that would void the limit on its shape.
 SMALLEST_SHARE = 1e-7
-# Where photographs are compared; with opaque ground it matters little.
-NEUTRAL_BACKGROUND = (0.5, 0.5, 0.5)
+# Colours begin to depend on the view, one degree more each time that this share of the iterations has passed.
+DEGREE_SHARE = 0.1
+# Floaters are looked for that often, in iterations.
+CLEAR_EVERY = 100
+INVISIBLE_LOGIT = -12.0
 CHECKPOINT_EVERY = 200
 REPORT_EVERY = 10
 
@@ -48,16 +50,19 @@ def train(options: "TorchSplats", survey: Survey, context: Context) -> SplatClou
     views = load_views(survey, options.image_width, context)
     held_out, shown = split_views(views, options.hold_out_every)
     warn_of_few_points(survey, context)
-    state = checkpoint.load(context.scratch) or start(options, survey, context.seed)
+    measure = HeldOut(options, held_out)
+    extent = scene_extent(survey)
+    state, growth = start(options, survey, extent, context)
     with one_torch_thread():
-        optimise(options, shown, state, scene_extent(survey), context)
-    raw_scales = state.parameters.raw["log_scales"].detach().exp().numpy()
-    context.figure("share_above_anisotropy_limit", share_above(raw_scales, options.anisotropy_limit))
-    splats = state.parameters.export(options.anisotropy_limit)
-    context.figure("initial_splats", state.start_count)
-    context.figure("splats", len(splats))
-    context.figure("iterations_per_second", options.iterations / max(state.seconds, 1e-9))
-    report_likeness(splats, held_out, options.background or NEUTRAL_BACKGROUND, context)
+        optimise(options, survey, shown, state, growth, measure, extent, context)
+        raw_scales = state.parameters.raw["log_scales"].detach().exp().numpy()
+        splats = state.parameters.export(options.anisotropy_limit)
+        context.figure("share_above_anisotropy_limit", share_above(raw_scales, options.anisotropy_limit))
+        context.figure("initial_splats", state.start_count)
+        context.figure("splats", len(splats))
+        context.figure("iterations", state.iteration)
+        context.figure("iterations_per_second", state.iteration / max(state.seconds, 1e-9))
+        measure.report(splats, state, context)
     return splats
 
 
@@ -69,66 +74,132 @@ def split_views(views: list[TrainingView], hold_out_every: int) -> tuple[list[Tr
     return views[::hold_out_every], shown
 
 
-def start(options: "TorchSplats", survey: Survey, seed: int) -> State:
-    """Return the state before the first iteration."""
-    parameters = initial_parameters(survey, options.splat_budget, options.harmonics_degree, seed)
-    for tensor in parameters.raw.values():
-        tensor.requires_grad_()
-    return State(parameters, Adam(), torch.zeros(len(parameters)), len(parameters))
+def start(options: "TorchSplats", survey: Survey, extent: float, context: Context) -> tuple[State, Densifier]:
+    """Return the state to go on from, that of a checkpoint or that before the first iteration, and how it grows."""
+    state = checkpoint.load(context.scratch)
+    fresh = state is None
+    if state is None:
+        parameters = initial_parameters(survey, options.splat_budget, options.harmonics_degree, context.seed)
+        for tensor in parameters.raw.values():
+            tensor.requires_grad_()
+        exposures = Exposures.of(len(survey.photographs))
+        state = State(parameters, Adam(), torch.zeros(len(parameters)), len(parameters), exposures)
+    growth = densifier(
+        options.densification, options.iterations, state.start_count, options.splat_budget, extent, context.seed
+    )
+    if fresh:
+        growth.start(state)
+    return state, growth
 
 
-def optimise(options: "TorchSplats", shown: list[TrainingView], state: State, extent: float, context: Context) -> None:
-    """Carry the state to the last iteration, with a checkpoint now and then."""
+def optimise(
+    options: "TorchSplats",
+    survey: Survey,
+    shown: list[TrainingView],
+    state: State,
+    growth: Densifier,
+    measure: HeldOut,
+    extent: float,
+    context: Context,
+) -> None:
+    """Carry the state to the last iteration, or until it has settled, with a checkpoint now and then."""
     pyramids = [{factor: view.reduced(factor) for factor in (4, 2, 1)} for view in shown]
-    schedule = Schedule(options.iterations, state.start_count, options.splat_budget)
+    if options.depth_weight > 0:
+        pyramids = [
+            {factor: view.with_depths(survey.sparse_points) for factor, view in pyramid.items()} for pyramid in pyramids
+        ]
+    cameras = torch.tensor(survey.world_from_camera[:, :, 3], dtype=torch.float32)
+    nearest = options.near_share * extent
     while state.iteration < options.iterations:
         began = time.perf_counter()
-        pyramid = pyramids[view_index(len(shown), state.iteration, context.seed)]
-        view = pyramid[reduction(state.iteration / options.iterations)]
-        loss = descend(options, view, state, extent, context.seed)
-        if schedule.is_due(state.iteration):
-            target = schedule.target(state.iteration)
-            state.parameters = densify(state.parameters, state.adam, state.score, target)
-            state.score = torch.zeros(len(state.parameters))
+        share = state.iteration / options.iterations
+        view = pyramids[view_index(len(shown), state.iteration, context.seed)][reduction(share)]
+        loss = descend(options, view, state, growth, extent, context.seed)
+        growth.after_step(state, rates(share, extent)["centers"])
+        if state.iteration % CLEAR_EVERY == 0:
+            fade_near(state.parameters.raw, cameras, nearest)
         state.iteration += 1
         state.seconds += time.perf_counter() - began
         if state.iteration % REPORT_EVERY == 0 or state.iteration == options.iterations:
-            context.progress(state.iteration, options.iterations, loss=loss, splats=float(len(state.parameters)))
+            figures = {"loss": loss, "splats": float(len(state.parameters))}
+            figures |= {"held_out_psnr_db": state.curve[-1][2]} if state.curve else {}
+            context.progress(state.iteration, options.iterations, **figures)
+        if measure.settled(state):
+            break
         if state.iteration % CHECKPOINT_EVERY == 0:
             checkpoint.save(state, context.scratch)
 
 
-def descend(options: "TorchSplats", view: TrainingView, state: State, extent: float, seed: int) -> float:
+def descend(
+    options: "TorchSplats", view: TrainingView, state: State, growth: Densifier, extent: float, seed: int
+) -> float:
     """Take one step towards one photograph and return the loss before it.
 
     Raises:
         StageFailed: the loss or a gradient is not a number.
     """
-    raw = state.parameters.raw
+    raw, share = state.parameters.raw, state.iteration / options.iterations
     screen_gradients = torch.zeros(len(state.parameters), 2)
     raster = rasterize(
-        *state.parameters.splats(),
+        *state.parameters.splats(active_degree(options.harmonics_degree, share)),
         camera=view.camera,
         world_from_camera=view.world_from_camera,
         background=background(options, state.iteration, seed),
+        depth=view.depths is not None,
         screen_gradients=screen_gradients,
     )
-    drawn, truth = raster.colour.permute(2, 0, 1), view.truth
-    if view.mask is not None:
-        drawn = torch.where(view.mask, drawn, truth)
-    loss = image_loss(drawn, truth, options.ssim_weight) + OPACITY_WEIGHT * raw["logits"].sigmoid().mean()
+    correction = state.exposures.corrections[view.index].clone().requires_grad_()
+    loss = photograph_loss(options, view, raster, state.exposures, correction) + growth.regularisation(raw)
     if options.anisotropy_weight > 0:
         loss = loss + options.anisotropy_weight * anisotropy_loss(raw["log_scales"], options.anisotropy_limit)
     for tensor in raw.values():
         tensor.grad = None
     loss.backward()  # type: ignore[no-untyped-call]
     require_numbers(loss, raw, view.name, state.iteration)
-    state.adam.step(raw, rates(state.iteration / options.iterations, extent))
+    state.adam.step(raw, rates(share, extent))
+    if correction.grad is not None:
+        state.exposures.step(view.index, correction.grad)
     with torch.no_grad():
         raw["log_scales"].clamp_(math.log(SMALLEST_SHARE * extent), math.log(LARGEST_SHARE * extent))
-    # per px of the whole photograph, so that reduced views weigh the same
-    state.score = torch.maximum(state.score, screen_gradients.norm(dim=1) * view.camera.width)
+    growth.observe(state, screen_gradients, view.camera.width)
     return float(loss.detach())
+
+
+def photograph_loss(
+    options: "TorchSplats", view: TrainingView, raster: Raster, exposures: Exposures, correction: torch.Tensor
+) -> torch.Tensor:
+    """Return how a drawn view differs from its photograph, in colour and in the depth of its sparse points."""
+    drawn, truth = raster.colour.permute(2, 0, 1), view.truth
+    if options.exposure_correction:
+        drawn = exposures.correct(drawn, correction)
+    if view.mask is not None:
+        drawn = torch.where(view.mask, drawn, truth)
+    loss = image_loss(drawn, truth, options.ssim_weight)
+    if options.exposure_correction:
+        loss = loss + exposures.regularisation(correction)
+    if view.depths is not None and raster.depth is not None:
+        loss = loss + options.depth_weight * view.depths.loss(raster.depth, raster.alpha)
+    return loss
+
+
+def fade_near(raw: dict[str, torch.Tensor], cameras: torch.Tensor, nearest: float) -> None:
+    """Make splats invisible that hang before a camera (camera, 3) nearer than `nearest` m: a drone flies in clear air.
+
+    What is dead is then put to use elsewhere, or not exported.
+    """
+    with torch.no_grad():
+        centers = raw["centers"]
+        suspects = torch.nonzero(
+            ((centers > cameras.amin(dim=0) - nearest) & (centers < cameras.amax(dim=0) + nearest)).all(dim=1)
+        )[:, 0]
+        for part in suspects.split(65_536):
+            hanging = part[torch.cdist(centers[part], cameras).amin(dim=1) < nearest]
+            raw["logits"][hanging] = INVISIBLE_LOGIT
+
+
+def active_degree(degree: int, share: float) -> int:
+    """Return the degree of the harmonics in use when `share` of the iterations has passed."""
+    return min(degree, int(share / DEGREE_SHARE))
 
 
 def background(options: "TorchSplats", iteration: int, seed: int) -> tuple[float, float, float]:
@@ -171,16 +242,3 @@ def require_numbers(loss: torch.Tensor, raw: dict[str, torch.Tensor], photograph
             raise StageFailed(
                 f"the gradient of '{name}' is not a number", where=where, cure="check this photograph and its pose"
             )
-
-
-def report_likeness(
-    splats: SplatCloud, held_out: list[TrainingView], background: tuple[float, float, float], context: Context
-) -> None:
-    """Report PSNR and SSIM of the photographs that training has not seen."""
-    if not held_out:
-        context.warn("no photograph was held out, so the likeness of the splats is not measured")
-        return
-    found = {view.name: likeness(splats, view, background) for view in held_out}
-    context.figure("held_out_psnr_db", float(np.mean([one.psnr for one in found.values()])))
-    context.figure("held_out_ssim", float(np.mean([one.ssim for one in found.values()])))
-    context.figure("held_out_psnr_db_by_photograph", {name: one.psnr for name, one in found.items()})

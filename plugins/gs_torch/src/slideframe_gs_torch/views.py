@@ -1,16 +1,17 @@
 """The photographs as training sees them: undistorted, reduced, and halved for the start."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from slideframe.arrays import Float64Array
+from slideframe.arrays import Float32Array, Float64Array
 from slideframe.errors import InputError
 from slideframe.photographs import load_photograph
 from slideframe.products import Camera, Survey
 from slideframe.stages import Context
+from slideframe_gs_torch.depth_points import DepthPoints, depth_points
 
 # A reduced photograph narrower than this says too little to train on.
 NARROWEST = 64
@@ -18,13 +19,18 @@ NARROWEST = 64
 
 @dataclass(frozen=True)
 class TrainingView:
-    """One photograph: pixels (3, height, width) uint8, mask (height, width) or None, camera and pose."""
+    """One photograph: pixels (3, height, width) uint8, mask (height, width) or None, camera and pose.
+
+    `index` is its place among the survey's photographs, `depths` what its sparse points say, where that is wanted.
+    """
 
     name: str
     pixels: Tensor
     mask: Tensor | None
     camera: Camera
     world_from_camera: Float64Array
+    index: int = 0
+    depths: DepthPoints | None = None
 
     @property
     def truth(self) -> Tensor:
@@ -52,7 +58,11 @@ class TrainingView:
         if self.mask is not None:
             blocks = self.mask[: height * factor, : width * factor].reshape(height, factor, width, factor)
             mask = blocks.all(dim=3).all(dim=1)
-        return TrainingView(self.name, pixels, mask, camera, self.world_from_camera)
+        return replace(self, pixels=pixels, mask=mask, camera=camera)
+
+    def with_depths(self, points: Float32Array) -> "TrainingView":
+        """Return the view with the depths of the sparse points (point, 3) that it sees."""
+        return replace(self, depths=depth_points(points, self.camera, self.world_from_camera))
 
 
 def load_views(survey: Survey, width: int, context: Context) -> list[TrainingView]:
@@ -77,6 +87,7 @@ def load_views(survey: Survey, width: int, context: Context) -> list[TrainingVie
                 None if mask is None else torch.from_numpy(mask),
                 camera,
                 survey.world_from_camera[index],
+                index,
             )
         )
     return views

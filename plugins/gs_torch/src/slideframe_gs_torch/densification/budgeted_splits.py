@@ -1,4 +1,4 @@
-"""More splats where the picture asks for them, up to a fixed budget."""
+"""Splits of the splats whose centres the picture pulls at most, at a pace that reaches the budget; ours."""
 
 import math
 from dataclasses import dataclass
@@ -6,12 +6,15 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from slideframe_gs_torch.checkpoint import State
 from slideframe_gs_torch.optimiser import Adam
-from slideframe_gs_torch.parameters import Parameters
+from slideframe_gs_torch.parameters import Parameters, RawTensors
 from slideframe_gs_torch.reference import rotation_matrices
 
 # Fainter splats are taken away and put to use elsewhere.
 DEAD_OPACITY = 0.02
+# Weight of the mean opacity in the loss.
+OPACITY_WEIGHT = 0.005
 # A split puts two children at +-0.8 sigma of the longest axis, each 0.6 sigma long there: 0.8^2 + 0.6^2 = 1
 # keeps the covariance of the pair that of the parent, and makes needles shorter instead of breeding them.
 SPLIT_OFFSET, SPLIT_SHRINK = 0.8, 0.6
@@ -44,6 +47,33 @@ class Schedule:
         share = iteration / self.iterations
         passed = min(max((share - self.FIRST_SHARE) / (0.9 * (self.LAST_SHARE - self.FIRST_SHARE)), 0), 1)
         return round(self.start_count * math.pow(self.budget / self.start_count, passed))
+
+
+class BudgetedSplits:
+    """Splits the highest scores of each round into two; dead splats make room first."""
+
+    def __init__(self, iterations: int, start_count: int, budget: int) -> None:
+        """Fix the pace."""
+        self._schedule = Schedule(iterations, start_count, budget)
+
+    def start(self, state: State) -> None:
+        """Begin with every splat as it is."""
+
+    def regularisation(self, raw: RawTensors) -> Tensor:
+        """Let opacity fade that the picture doesn't ask for: floaters vanish and are put to use elsewhere."""
+        return OPACITY_WEIGHT * raw["logits"].sigmoid().mean()
+
+    def observe(self, state: State, screen_gradients: Tensor, width: int) -> None:
+        """Keep each splat's largest gradient, per px of the whole photograph, so that reduced views weigh the same."""
+        state.score = torch.maximum(state.score, screen_gradients.norm(dim=1) * width)
+
+    def after_step(self, state: State, center_rate: float) -> None:
+        """Split where a round is due."""
+        if self._schedule.is_due(state.iteration):
+            state.parameters = densify(
+                state.parameters, state.adam, state.score, self._schedule.target(state.iteration)
+            )
+            state.score = torch.zeros(len(state.parameters))
 
 
 def densify(parameters: Parameters, adam: Adam, score: Tensor, target: int) -> Parameters:
