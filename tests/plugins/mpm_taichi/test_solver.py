@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 
 from slideframe import guards
+from slideframe.device import Device
 from slideframe.errors import ConfigurationError, PluginError, StageFailed
 from slideframe.testing.evidence import digest, fresh_context
 from slideframe.testing.solver_scenes import block_filling, sand_problem
+from slideframe_mpm_taichi.runtime import session
 from slideframe_mpm_taichi.solver import TaichiSolver
+from slideframe_mpm_taichi.stepper import Stepper
 
 BLOCK = block_filling((0.5, 0.0, 0.0), (1.5, 0.5, 0.5))
 
@@ -44,7 +47,7 @@ def test_nothing_is_written_to_stdout():
 
 
 def test_too_little_memory_is_refused_before_anything_is_allocated(tmp_path, monkeypatch):
-    monkeypatch.setattr(guards, "available_memory", lambda: 60_000)  # a layer of cells fits, the grid does not
+    monkeypatch.setattr(guards, "available_memory", lambda: 60_000)  # a layer of cells fits, the rest does not
     with pytest.raises(ConfigurationError, match="GB are free"):
         solve(sand_problem(), tmp_path)
 
@@ -103,11 +106,35 @@ def test_threads_do_not_change_a_bit(tmp_path):
     assert done.stderr == digest(here[-1])
 
 
-def test_slabs_of_one_colour_share_no_node_within_the_drift_allowed():
-    """A stencil starts at the node below x - 0.5 and has three nodes; particles drift by MOST_DRIFT cells at most."""
-    from slideframe_mpm_taichi.kernels import SLAB_WIDTH
-    from slideframe_mpm_taichi.stepper import MOST_DRIFT
+SLIDING = sand_problem(gravity=(9.81, 0.0, -9.81), duration=0.8)
+LONG_BLOCK = block_filling((0.5, 0.0, 0.0), (5.0, 0.5, 0.5), size=(8.0, 1.0))
 
-    last_of_one = int(np.floor(SLAB_WIDTH - 1e-9 + MOST_DRIFT)) + 2
-    first_of_next = int(np.floor(2 * SLAB_WIDTH - MOST_DRIFT))
-    assert last_of_one < first_of_next
+
+def test_the_code_for_cards_moves_the_same():
+    """Where threads share nodes, sums are atomic and particles stay unsorted; here that runs on the processor."""
+
+    def last(coloured):
+        stepper = Stepper(LONG_BLOCK, SLIDING, SLIDING.grid(LONG_BLOCK), Device(), coloured=coloured)
+        for _ in range(50):
+            stepper.substep()
+        return stepper.frame(0.0)
+
+    with session(Device(), "float32"):
+        mine, cards = last(coloured=True), last(coloured=False)
+    np.testing.assert_allclose(cards.positions, mine.positions, atol=1e-5)
+    np.testing.assert_allclose(cards.velocities, mine.velocities, atol=1e-4)
+    np.testing.assert_allclose(cards.deformation_gradients, mine.deformation_gradients, atol=1e-4)
+
+
+def test_nodes_follow_the_particles():
+    """A block that slides for fifty cells through a box of ten thousand million nodes."""
+    far = LONG_BLOCK.model_copy(update={"bounds": np.array([[0.0, 0.0, 0.0], [4000.0, 1000.0, 100.0]])})
+    grid = SLIDING.grid(far)
+    assert grid.node_count > 1e10
+    with session(Device(), "float32"):
+        stepper = Stepper(far, SLIDING, grid, Device())
+        start = stepper.motion()[0]
+        while (stepper.motion()[0] - start)[:, 0].mean() < 50 * 0.25:
+            for _ in range(50):
+                stepper.substep()
+            assert stepper.layout.node_count < 100 * len(start)

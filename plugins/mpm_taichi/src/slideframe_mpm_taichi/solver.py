@@ -9,9 +9,7 @@ from slideframe.guards import Pace, check_memory, check_motion, check_start, sta
 from slideframe.problem import SimulationProblem
 from slideframe.products import Filling, ParticleFrame
 from slideframe.stages import Context, Solver
-
-# Often enough to stop a lost simulation early, seldom enough to cost nothing.
-SUBSTEPS_BETWEEN_CHECKS = 32
+from slideframe.tiles import estimate_nodes
 
 
 class TaichiSolver(Solver):
@@ -24,12 +22,12 @@ class TaichiSolver(Solver):
     def solve(self, filling: Filling, problem: SimulationProblem, context: Context) -> Iterator[ParticleFrame]:
         """Yield the motion; on the CPU the same input gives the same bits, whatever the number of threads."""
         from slideframe_mpm_taichi.runtime import session
-        from slideframe_mpm_taichi.stepper import REALS_PER_NODE, REALS_PER_PARTICLE, Stepper
+        from slideframe_mpm_taichi.stepper import Stepper, bytes_needed
 
         grid = check_start(filling, problem)
         simulation, particle_count = problem.simulation, len(filling.particle_positions)
-        reals = particle_count * REALS_PER_PARTICLE + grid.node_count * REALS_PER_NODE
-        check_memory(reals * np.dtype(simulation.precision).itemsize, particle_count, grid.node_count)
+        node_count = estimate_nodes(filling, grid)
+        check_memory(bytes_needed(particle_count, node_count, simulation.precision), particle_count, node_count)
         time_step, substeps = problem.time_step(grid)
         mass = problem.material.density * float(filling.particle_volumes.sum(dtype=np.float64))
         pace = Pace(context, simulation.frame_count, particle_count, mass, time_step)
@@ -40,8 +38,8 @@ class TaichiSolver(Solver):
             for frame in range(1, simulation.frame_count):
                 with pace:
                     for substep in range(1, substeps + 1):
-                        stepper.substep()
-                        if substep % SUBSTEPS_BETWEEN_CHECKS == 0 or substep == substeps:
+                        # written so that NaN, too, is found
+                        if not stepper.substep() * time_step <= grid.spacing:
                             now = (frame - 1) / simulation.frame_rate + substep * time_step
                             check_motion(*stepper.motion(), now, grid, time_step)
                 product = stepper.frame(frame / simulation.frame_rate)

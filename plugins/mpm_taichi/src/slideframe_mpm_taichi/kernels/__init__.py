@@ -9,18 +9,37 @@ substep a particle carries `affines` = spacing * (mass * C - stress term), all t
 objects: no `from __future__ import annotations` in these modules.
 """
 
-from .boundaries import update_grid
+from .boundaries import clear_grid, update_grid
+from .layout import (
+    bound_columns,
+    bound_tiles,
+    count_keys,
+    key_particles,
+    place_columns,
+    rank_particles,
+    reorder,
+    size_tiles,
+)
 from .materials import return_mapping
 from .rendering import bound_stretch
-from .transfers import CHUNK, SLAB_WIDTH, grid_to_particles, particles_to_grid, particles_to_grid_atomic
+from .transfers import CHUNK, greatest, grid_to_particles, particles_to_grid, particles_to_grid_atomic
 
 __all__ = [
     "CHUNK",
-    "SLAB_WIDTH",
+    "bound_columns",
     "bound_stretch",
+    "bound_tiles",
+    "clear_grid",
+    "count_keys",
+    "greatest",
     "grid_to_particles",
+    "key_particles",
     "particles_to_grid",
     "particles_to_grid_atomic",
+    "place_columns",
+    "rank_particles",
+    "reorder",
     "return_mapping",
+    "size_tiles",
     "update_grid",
 ]

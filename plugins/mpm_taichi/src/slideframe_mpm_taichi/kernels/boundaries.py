@@ -3,6 +3,7 @@
 import taichi as ti
 
 from .arrays import Array
+from .layout import Pair, place_of
 
 STICK = 1
 FRICTION = 2
@@ -28,9 +29,20 @@ def wall(velocity, axis: ti.template(), inward: ti.template(), kind, friction):
 
 
 @ti.kernel
+def clear_grid(grid: Array, node_count: ti.i32):
+    """Take momentum and mass off every node."""
+    for node in range(node_count):
+        grid[node] = ti.Vector([0.0, 0.0, 0.0, 0.0])
+
+
+@ti.kernel
 def update_grid(
     grid: Array,
-    shape: ti.types.vector(3, ti.i32),
+    node_count: ti.i32,
+    columns: Array,
+    owners: Array,
+    corner: Pair,
+    across: ti.i32,
     gravity: Array,
     time_step: float,
     padding: ti.i32,
@@ -40,22 +52,19 @@ def update_grid(
     floor_friction: float,
 ):
     """Turn momentum into velocity, apply gravity, then the walls; the kinds are of (sides, floor)."""
-    ti.loop_config(block_dim=1)
-    for i in range(shape[0]):
-        for j in range(shape[1]):
-            for k in range(shape[2]):
-                index = (i * shape[1] + j) * shape[2] + k
-                node = grid[index]
-                if node[3] > 0.0:
-                    v = ti.Vector([node[0], node[1], node[2]]) / node[3] + time_step * gravity[0]
-                    if i <= padding:
-                        v = wall(v, 0, 1.0, wall_kinds[0], side_friction)
-                    if i >= high[0]:
-                        v = wall(v, 0, -1.0, wall_kinds[0], side_friction)
-                    if j <= padding:
-                        v = wall(v, 1, 1.0, wall_kinds[0], side_friction)
-                    if j >= high[1]:
-                        v = wall(v, 1, -1.0, wall_kinds[0], side_friction)
-                    if k <= padding:
-                        v = wall(v, 2, 1.0, wall_kinds[1], floor_friction)
-                    grid[index] = ti.Vector([v[0], v[1], v[2], node[3]])
+    for node in range(node_count):
+        entry = grid[node]
+        if entry[3] > 0.0:
+            i, j, k = place_of(node, columns, owners, corner, across)
+            v = ti.Vector([entry[0], entry[1], entry[2]]) / entry[3] + time_step * gravity[0]
+            if i <= padding:
+                v = wall(v, 0, 1.0, wall_kinds[0], side_friction)
+            if i >= high[0]:
+                v = wall(v, 0, -1.0, wall_kinds[0], side_friction)
+            if j <= padding:
+                v = wall(v, 1, 1.0, wall_kinds[0], side_friction)
+            if j >= high[1]:
+                v = wall(v, 1, -1.0, wall_kinds[0], side_friction)
+            if k <= padding:
+                v = wall(v, 2, 1.0, wall_kinds[1], floor_friction)
+            grid[node] = ti.Vector([v[0], v[1], v[2], entry[3]])

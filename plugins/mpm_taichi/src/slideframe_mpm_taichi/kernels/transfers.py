@@ -3,44 +3,47 @@
 import taichi as ti
 
 from .arrays import Array
+from .layout import Pair
 from .materials import kirchhoff_stress, return_mapping
+from .stencils import spline, stencil_around
 from .tensors import pack, unpack
 
-# A slab of four layers of cells plus a drift of one cell either way never shares a node with the next but one.
-SLAB_WIDTH = 4
 CHUNK = 256
+UNBOUNDED = 1e30
 
 
 @ti.func
-def arms(offset):
-    """Return the way from a particle to its three nodes along one axis; `offset` is from the first node, in cells."""
-    return ti.Vector([-offset, 1.0 - offset, 2.0 - offset])
+def scatter(
+    position,
+    momentum,
+    affine,
+    mass,
+    columns: ti.template(),
+    corner,
+    across,
+    grid: ti.template(),
+    own: ti.template(),
+):
+    """Add momentum (first three) and mass (last) of one particle to its 27 nodes, each four lanes for LLVM.
 
-
-@ti.func
-def spline(arm):
-    """Return the quadratic B-spline's weights of three nodes."""
-    low = 1.5 + arm[0]
-    high = 1.5 - arm[2]
-    return ti.Vector([0.5 * low * low, 0.75 - arm[1] * arm[1], 0.5 * high * high])
-
-
-@ti.func
-def scatter(position, momentum, affine, mass, stride, grid: ti.template(), exclusive: ti.template()):
-    """Add momentum (first three) and mass (last) of one particle to its 27 nodes."""
-    first = ti.cast(position - 0.5, ti.i32)
-    x_arms, y_arms, z_arms = arms(position[0] - first[0]), arms(position[1] - first[1]), arms(position[2] - first[2])
-    x_weights, y_weights, z_weights = spline(x_arms), spline(y_arms), spline(z_arms)
+    `own`: no other thread touches these nodes.
+    """
+    column, layer, x, y, z = stencil_around(position, corner, across)
+    u, v, w = spline(x), spline(y), spline(z)
+    carried = ti.Vector([momentum[0], momentum[1], momentum[2], mass])
+    along_x = ti.Vector([affine[0, 0], affine[1, 0], affine[2, 0], 0.0])
+    along_y = ti.Vector([affine[0, 1], affine[1, 1], affine[2, 1], 0.0])
+    along_z = ti.Vector([affine[0, 2], affine[1, 2], affine[2, 2], 0.0])
     for a, b in ti.static(ti.ndrange(3, 3)):
-        weight = x_weights[a] * y_weights[b]
-        node = (first[0] + a) * stride[0] + (first[1] + b) * stride[1] + first[2]
+        row = columns[column + a * across + b] + layer
+        sideways = carried + x[a] * along_x + y[b] * along_y
+        share = u[a] * v[b]
         for c in ti.static(range(3)):
-            carried = momentum + affine @ ti.Vector([x_arms[a], y_arms[b], z_arms[c]])
-            contribution = weight * z_weights[c] * ti.Vector([carried[0], carried[1], carried[2], mass])
-            if ti.static(exclusive):
-                grid[node + c] = grid[node + c] + contribution
+            contribution = share * w[c] * (sideways + z[c] * along_z)
+            if ti.static(own):
+                grid[row + c] = grid[row + c] + contribution
             else:
-                grid[node + c] += contribution
+                grid[row + c] += contribution
 
 
 @ti.kernel
@@ -49,55 +52,70 @@ def particles_to_grid(
     velocities: Array,
     affines: Array,
     masses: Array,
-    stride: ti.types.vector(2, ti.i32),
-    slab_starts: Array,
-    parity: ti.i32,
+    columns: Array,
+    corner: Pair,
+    across: ti.i32,
+    runs: Array,
+    run_count: ti.i32,
     grid: Array,
 ):
-    """Scatter the particles of every other slab, in their order: no two threads share a node, so no sum varies."""
+    """Scatter runs of particles in tiles of one colour: no two threads share a node, so no sum varies."""
     ti.loop_config(block_dim=1)
-    for pair in range((slab_starts.shape[0] - 1) // 2):
-        slab = 2 * pair + parity
-        for p in range(slab_starts[slab], slab_starts[slab + 1]):
-            scatter(positions[p], masses[p] * velocities[p], affines[p], masses[p], stride, grid, True)
+    for run in range(run_count):
+        for p in range(runs[run][0], runs[run][0] + runs[run][1]):
+            momentum = masses[p] * velocities[p]
+            scatter(positions[p], momentum, affines[p], masses[p], columns, corner, across, grid, True)
 
 
 @ti.kernel
 def particles_to_grid_atomic(
-    positions: Array, velocities: Array, affines: Array, masses: Array, stride: ti.types.vector(2, ti.i32), grid: Array
+    positions: Array,
+    velocities: Array,
+    affines: Array,
+    masses: Array,
+    columns: Array,
+    corner: Pair,
+    across: ti.i32,
+    grid: Array,
 ):
     """Scatter all particles at once, as a graphics card does best."""
     for p in range(positions.shape[0]):
-        scatter(positions[p], masses[p] * velocities[p], affines[p], masses[p], stride, grid, False)
+        momentum = masses[p] * velocities[p]
+        scatter(positions[p], momentum, affines[p], masses[p], columns, corner, across, grid, False)
 
 
 @ti.func
-def gather(position, stride, grid: ti.template()):
+def gather(position, columns: ti.template(), corner, across, grid: ti.template()):
     """Return the velocity and its moment sum of w v (x_i - x_p)^T, in cells, at one particle."""
-    first = ti.cast(position - 0.5, ti.i32)
-    x_arms, y_arms, z_arms = arms(position[0] - first[0]), arms(position[1] - first[1]), arms(position[2] - first[2])
-    x_weights, y_weights, z_weights = spline(x_arms), spline(y_arms), spline(z_arms)
-    velocity = ti.Vector([0.0, 0.0, 0.0])
+    column, layer, x, y, z = stencil_around(position, corner, across)
+    u, v, w = spline(x), spline(y), spline(z)
+    velocity = ti.Vector([0.0, 0.0, 0.0, 0.0])
     x_moment, y_moment, z_moment = velocity, velocity, velocity
-    for a, b in ti.static(ti.ndrange(3, 3)):
-        weight = x_weights[a] * y_weights[b]
-        node = (first[0] + a) * stride[0] + (first[1] + b) * stride[1] + first[2]
-        row = ti.Vector([0.0, 0.0, 0.0])
-        for c in ti.static(range(3)):
-            entry = grid[node + c]
-            share = weight * z_weights[c] * ti.Vector([entry[0], entry[1], entry[2]])
-            row += share
-            z_moment += z_arms[c] * share
-        velocity += row
-        x_moment += x_arms[a] * row
-        y_moment += y_arms[b] * row
-    return velocity, ti.Matrix.cols([x_moment, y_moment, z_moment])
+    for a in ti.static(range(3)):
+        plane, turn, tilt = ti.Vector([0.0] * 4), ti.Vector([0.0] * 4), ti.Vector([0.0] * 4)
+        for b in ti.static(range(3)):
+            node = columns[column + a * across + b] + layer
+            low, middle, high = w[0] * grid[node], w[1] * grid[node + 1], w[2] * grid[node + 2]
+            row = v[b] * (low + middle + high)
+            plane += row
+            turn += y[b] * row
+            tilt += v[b] * (z[0] * low + z[1] * middle + z[2] * high)
+        velocity += u[a] * plane
+        x_moment += u[a] * x[a] * plane
+        y_moment += u[a] * turn
+        z_moment += u[a] * tilt
+    moment = ti.Matrix.cols([x_moment, y_moment, z_moment])
+    return ti.Vector([velocity[0], velocity[1], velocity[2]]), ti.Matrix(
+        [[moment[row, column] for column in range(3)] for row in range(3)]
+    )
 
 
 @ti.kernel
 def grid_to_particles(
     grid: Array,
-    stride: ti.types.vector(2, ti.i32),
+    columns: Array,
+    corner: Pair,
+    across: ti.i32,
     positions: Array,
     residuals: Array,
     velocities: Array,
@@ -118,14 +136,14 @@ def grid_to_particles(
 ):
     """Gather velocity and its gradient, move the particle, strain it, and prepare its next scatter.
 
-    `fastest` receives the greatest component of velocity in each chunk of particles.
+    `fastest` receives the greatest component of velocity in each chunk of particles, UNBOUNDED for NaN.
     """
     ti.loop_config(block_dim=1)
     for chunk in range(fastest.shape[0]):
         chunk_fastest = 0.0
         for particle in range(chunk * CHUNK, ti.min((chunk + 1) * CHUNK, positions.shape[0])):
             position = positions[particle]
-            velocity, moment = gather(position, stride, grid)
+            velocity, moment = gather(position, columns, corner, across, grid)
 
             # C = 4 / spacing * moment (Jiang et al. 2015: D = spacing^2 / 4 for quadratic splines)
             change = time_step * 4.0 / spacing * moment
@@ -158,7 +176,19 @@ def grid_to_particles(
                     residual[axis] = 0.0
                     held[particle] = 1
                 position[axis] = moved
-                chunk_fastest = ti.max(chunk_fastest, ti.abs(velocity[axis]))
+                speed = ti.abs(velocity[axis])
+                if not (speed <= UNBOUNDED):
+                    speed = UNBOUNDED
+                chunk_fastest = ti.max(chunk_fastest, speed)
             positions[particle] = position
             residuals[particle] = residual
         fastest[chunk] = chunk_fastest
+
+
+@ti.kernel
+def greatest(values: Array) -> float:
+    """Return the greatest of values that are not negative."""
+    result = 0.0
+    for index in range(values.shape[0]):
+        ti.atomic_max(result, values[index])
+    return result
