@@ -52,12 +52,20 @@ def test_every_fault_is_told_at_once_with_key_and_rule():
     raw = content()
     raw["simulation"]["duration"] = "long"
     raw["material"]["density"] = -3
-    del raw["region"]["z_min"]
+    del raw["region"]["x_min"]
     text = faults(raw)
     assert "simulation.duration: Input should be a valid number" in text
     assert "material.density: Input should be greater than 0 (got -3)" in text
-    assert "region.z_min: required but absent" in text
+    assert "region.x_min: required but absent" in text
     assert "case.toml" in text
+
+
+def test_a_box_has_one_base():
+    raw = content()
+    del raw["region"]["z_min"]
+    assert "region: give z_min for a flat base, or a table base for any other" in faults(raw)
+    raw["region"]["base"] = {"kind": "constant_depth", "depth": -1}
+    assert "region.base.depth: Input should be greater than 0" in faults(raw)
 
 
 def test_not_toml_names_the_line(tmp_path):

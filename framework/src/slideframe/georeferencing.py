@@ -181,6 +181,18 @@ def undulation(vertical: Heights, latitude: Float64Array, longitude: Float64Arra
     return np.asarray(offset, np.float64)
 
 
+def epsg_of(definition: str) -> int | None:
+    """Return the EPSG code of a system given as WKT, PROJ string or code; None: it has none."""
+    pyproj = _pyproj()
+    try:
+        code = pyproj.CRS.from_user_input(definition).to_epsg()
+    except pyproj.exceptions.CRSError as error:
+        raise InputError(
+            f"'{definition[:60]}' isn't a coordinate system", cure="give its EPSG code in the config"
+        ) from error
+    return None if code is None else int(code)
+
+
 class _Conversion:
     """From WGS84 to one system and back, by the operation that is best within some bounds."""
 

@@ -8,8 +8,9 @@ from slideframe.bench import Bench, Keyed
 from slideframe.config import RunConfig
 from slideframe.crew import Crew
 from slideframe.errors import ConfigurationError
-from slideframe.problem import BoxRegion, OrbitView, View
+from slideframe.problem import FlatBase, MeshRegion, OrbitView, Region, View
 from slideframe.products import Picture, Survey
+from slideframe.release.plan import plan_of, swapped_plan
 
 # Shares of the film at which the camera's way is checked.
 LOOKS_ON_THE_WAY = 21
@@ -26,29 +27,33 @@ def run(config: RunConfig, crew: Crew, bench: Bench) -> Keyed[Sequence[Picture]]
     return bench.step(crew.renderer.render, survey, splats, filling, motion, config.view)  # type: ignore[arg-type]
 
 
-def require_region_in_survey(survey: Survey, region: BoxRegion) -> None:
+def require_region_in_survey(survey: Survey, region: Region) -> None:
     """Refuse a region without a single sparse point, before hours are spent on splats.
 
     Raises:
-        ConfigurationError: with the extent that the survey covers.
+        ConfigurationError: with the extent that the survey covers, and whether the axes are swapped.
+        InputError, MissingDependency: a file of the region can't be read.
     """
     points = survey.sparse_points
     if not len(points):
         return
-    inside = (
-        (points[:, 0] >= region.x_min)
-        & (points[:, 0] <= region.x_max)
-        & (points[:, 1] >= region.y_min)
-        & (points[:, 1] <= region.y_max)
+    plan = plan_of(region, survey.georeference)
+    inside = plan.contains(points[:, 0], points[:, 1])
+    flat = None if isinstance(region, MeshRegion) else region.slip_surface
+    deep_enough = not isinstance(flat, FlatBase) or points[inside, 2].max(initial=-np.inf) > flat.z_min
+    if inside.any() and deep_enough:
+        return
+    low, high = np.percentile(points, [1, 99], axis=0)
+    (west, south), (east, north) = plan.bounds
+    swapped = not inside.any() and swapped_plan(region, survey.georeference, points)
+    what = "'s axes are swapped: with y before x it would hold ground" if swapped else " holds no ground"
+    raise ConfigurationError(
+        f"the region{what} that the survey saw: it spans x {west:.1f} to {east:.1f}, y {south:.1f} to {north:.1f} m",
+        where="region",
+        cure=("write x (easting or longitude) before y (northing or latitude); " if swapped else "")
+        + f"the survey covers x {low[0]:.1f} to {high[0]:.1f}, y {low[1]:.1f} to {high[1]:.1f}, "
+        f"z {low[2]:.1f} to {high[2]:.1f} m east, north and up of its origin",
     )
-    if not inside.any() or points[inside, 2].max() <= region.z_min:
-        low, high = np.percentile(points, [1, 99], axis=0)
-        raise ConfigurationError(
-            "the region holds no ground that the survey saw",
-            where="region",
-            cure=f"the survey covers x {low[0]:.1f} to {high[0]:.1f}, y {low[1]:.1f} to {high[1]:.1f}, "
-            f"z {low[2]:.1f} to {high[2]:.1f} m east, north and up of its origin",
-        )
 
 
 def require_view_of_survey(survey: Survey, view: View) -> None:

@@ -5,25 +5,47 @@ from slideframe.problem.boundary import Boundary, Wall
 from slideframe.problem.camera_path import Shot
 from slideframe.problem.grid import Grid, place_grid
 from slideframe.problem.material import LAWS, DruckerPrager, Elastic, LawConstants, Material, Sand
-from slideframe.problem.region import BoxRegion, FillingProblem, Region
+from slideframe.problem.region import BoxRegion, FillingProblem, MeshRegion, PolygonRegion, Region
 from slideframe.problem.simulation import Simulation, SimulationProblem
 from slideframe.problem.site import Site
+from slideframe.problem.slip_surface import (
+    DepthBase,
+    EarlierGroundBase,
+    EllipsoidBase,
+    FlatBase,
+    MapHeights,
+    MeshBase,
+    PlaneBase,
+    RasterBase,
+    SlblBase,
+    SlipSurface,
+)
 from slideframe.problem.view import FileView, FlightView, OrbitView, SurveyView, View
 
 __all__ = [
     "LAWS",
     "Boundary",
     "BoxRegion",
+    "DepthBase",
     "DruckerPrager",
+    "EarlierGroundBase",
     "Elastic",
+    "EllipsoidBase",
     "FileView",
     "FillingProblem",
+    "FlatBase",
     "FlightView",
     "Grid",
     "LawConstants",
+    "MapHeights",
     "Material",
+    "MeshBase",
+    "MeshRegion",
     "OrbitView",
+    "PlaneBase",
+    "PolygonRegion",
     "ProblemModel",
+    "RasterBase",
     "Region",
     "Sand",
     "Share",
@@ -31,6 +53,8 @@ __all__ = [
     "Simulation",
     "SimulationProblem",
     "Site",
+    "SlblBase",
+    "SlipSurface",
     "SurveyView",
     "Vector",
     "View",

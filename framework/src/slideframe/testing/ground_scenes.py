@@ -9,12 +9,13 @@ import numpy as np
 from PIL import Image
 
 from slideframe.arrays import Float64Array
-from slideframe.problem import BoxRegion, FillingProblem
+from slideframe.problem import BoxRegion, FillingProblem, FlatBase
 from slideframe.products import Camera, Filling, Georeference, ParticleFrame, Photograph, SplatCloud, Survey
 
 REACH = 12.0
 SPLAT_SPACING = 0.6
 PARTICLE_SPACING = 0.5
+HILLSIDE_BASE = 0.0
 
 
 def hillside_height(x: Float64Array, y: Float64Array) -> Float64Array:
@@ -22,10 +23,12 @@ def hillside_height(x: Float64Array, y: Float64Array) -> Float64Array:
     return 5 + 0.2 * x + 0.3 * np.sin(0.8 * x) * np.cos(0.7 * y)
 
 
+HILLSIDE_BOX = BoxRegion(x_min=-6, x_max=6, y_min=-5, y_max=5, base=FlatBase(z_min=HILLSIDE_BASE))
+
+
 def hillside_problem() -> FillingProblem:
     """Return a box within the hillside."""
-    region = BoxRegion(x_min=-6, x_max=6, y_min=-5, y_max=5, z_min=0)
-    return FillingProblem(region=region, particle_spacing=PARTICLE_SPACING)
+    return FillingProblem(region=HILLSIDE_BOX, particle_spacing=PARTICLE_SPACING)
 
 
 def hillside_splats() -> SplatCloud:
@@ -68,17 +71,17 @@ def hillside_survey() -> Survey:
 
 def hillside_filling() -> Filling:
     """Return soil particles in the box, one interior splat on each, and the box's own splats that follow them."""
-    region, splats = hillside_problem().region, hillside_splats()
+    region, splats = HILLSIDE_BOX, hillside_splats()
     axes = [
         np.arange(low + PARTICLE_SPACING / 2, high, PARTICLE_SPACING)
-        for low, high in ((region.x_min, region.x_max), (region.y_min, region.y_max), (region.z_min, 8.0))
+        for low, high in ((region.x_min, region.x_max), (region.y_min, region.y_max), (HILLSIDE_BASE, 8.0))
     ]
     lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     particles = lattice[lattice[:, 2] < hillside_height(lattice[:, 0], lattice[:, 1])].astype(np.float32)
     count = len(particles)
     return Filling(
         bounds=np.array(
-            [[region.x_min, region.y_min, region.z_min], [region.x_max, region.y_max, particles[:, 2].max()]],
+            [[region.x_min, region.y_min, HILLSIDE_BASE], [region.x_max, region.y_max, particles[:, 2].max()]],
             np.float64,
         ),
         particle_positions=particles,

@@ -9,7 +9,14 @@ import numpy as np
 from slideframe.products import Filling
 from slideframe.stages import VolumeFiller
 from slideframe.testing.evidence import assert_same, assert_valid, digest, fresh_context
-from slideframe.testing.ground_scenes import hillside_height, hillside_problem, hillside_splats, hillside_survey
+from slideframe.testing.ground_scenes import (
+    HILLSIDE_BASE,
+    HILLSIDE_BOX,
+    hillside_height,
+    hillside_problem,
+    hillside_splats,
+    hillside_survey,
+)
 
 # A smooth surface through noisy splats may run this far above the true one, in particle spacings.
 SURFACE_TOLERANCE = 0.6
@@ -28,9 +35,9 @@ def check_filling_is_valid(stage: VolumeFiller, scratch: Path) -> None:
 
 def check_particles_are_within_the_region(stage: VolumeFiller, scratch: Path) -> None:
     """Every particle lies between the region's walls, above its base and below the ground."""
-    region, positions = hillside_problem().region, _filling(stage).particle_positions.astype(np.float64)
+    region, positions = HILLSIDE_BOX, _filling(stage).particle_positions.astype(np.float64)
     assert len(positions), "the filling is empty"
-    low = positions >= [region.x_min, region.y_min, region.z_min]
+    low = positions >= [region.x_min, region.y_min, HILLSIDE_BASE]
     high = positions[:, :2] <= [region.x_max, region.y_max]
     assert low.all(), "a particle is outside the region"
     assert high.all(), "a particle is outside the region"
@@ -41,10 +48,10 @@ def check_particles_are_within_the_region(stage: VolumeFiller, scratch: Path) ->
 
 def check_volume_is_that_of_the_ground(stage: VolumeFiller, scratch: Path) -> None:
     """The particles' volumes add up to the soil between base and surface."""
-    region = hillside_problem().region
+    region = HILLSIDE_BOX
     x, y = np.meshgrid(np.linspace(region.x_min, region.x_max, 401), np.linspace(region.y_min, region.y_max, 401))
     area = (region.x_max - region.x_min) * (region.y_max - region.y_min)
-    expected = area * float((hillside_height(x, y) - region.z_min).mean())
+    expected = area * float((hillside_height(x, y) - HILLSIDE_BASE).mean())
     got = float(_filling(stage).particle_volumes.sum(dtype=np.float64))
     assert abs(got / expected - 1) <= VOLUME_TOLERANCE, f"the soil has {got:.1f} m3, the ground {expected:.1f} m3"
 
@@ -62,7 +69,7 @@ def check_interior_is_below_the_ground(stage: VolumeFiller, scratch: Path) -> No
 
 def check_surface_covers_the_region(stage: VolumeFiller, scratch: Path) -> None:
     """The surface mesh exists, refers to its own vertices, and follows the ground within the region."""
-    filling, region = _filling(stage), hillside_problem().region
+    filling, region = _filling(stage), HILLSIDE_BOX
     vertices = filling.surface_vertices.astype(np.float64)
     assert len(filling.surface_triangles), "the surface has no triangles"
     assert filling.surface_triangles.min() >= 0, "a triangle has a negative vertex"

@@ -5,6 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from slideframe.arrays import Float64Array, Int32Array
+from slideframe.errors import ConfigurationError
+from slideframe.formats.meshes import read_mesh
+from slideframe.problem import MeshRegion
+from slideframe.products import Georeference
+from slideframe.release.coordinates import local_points
 from slideframe.release.grid import ReleaseGrid
 from slideframe.release.plan import Plan
 from slideframe_fill_poisson.solids import (
@@ -16,7 +21,9 @@ from slideframe_fill_poisson.solids import (
     Mesh,
     Solid,
     close_sheet,
+    closed_solid,
     height_field_sheet,
+    rim_edges,
     upright_prism,
 )
 
@@ -50,6 +57,38 @@ def room_above(grid: ReleaseGrid, plan: Plan, ground_top: float) -> Solid:
     heights = np.where(np.isfinite(grid.base), np.minimum(grid.base, high - 1), high - 1)
     above = close_sheet(*height_field_sheet(grid.x, grid.y, heights), high, SLIP_SURFACE)
     return above.common(upright_prism(plan.rings, float(heights.min()) - CLEARANCE, high + CLEARANCE, PLAN))
+
+
+def room_of(region: MeshRegion, georeference: Georeference) -> Solid:
+    """Return the room that a closed mesh encloses.
+
+    Raises:
+        ConfigurationError: it isn't closed, or encloses nothing.
+        InputError, MissingDependency: the file can't be read.
+    """
+    where = str(region.path)
+    vertices, triangles = read_mesh(region.path)
+    vertices = local_points(vertices, region, georeference, where)
+    cure = "make it watertight, all triangles counter-clockwise seen from outside"
+    if len(rim := rim_edges(triangles)):
+        x, y, z = vertices[rim[0]].mean(axis=0)
+        raise ConfigurationError(
+            f"the mesh of the region isn't closed: {len(rim)} edges have a triangle on one side only, the first "
+            f"near ({x:.2f}, {y:.2f}, {z:.2f})",
+            where=where,
+            cure=cure,
+        )
+    try:
+        solid = closed_solid(vertices, [(triangles, PLAN)])
+        if solid.volume < 0:  # all triangles face inwards
+            solid = closed_solid(vertices, [(triangles[:, ::-1], PLAN)])
+    except ValueError as error:
+        raise ConfigurationError(
+            f"the mesh of the region is no closed body: {error}", where=where, cure=cure
+        ) from error
+    if solid.is_empty or solid.volume <= 0:
+        raise ConfigurationError("the mesh of the region encloses nothing", where=where, cure=cure)
+    return solid
 
 
 def excavate(soil: Solid, room: Solid) -> Excavation:

@@ -6,19 +6,20 @@ import numpy as np
 from pydantic import Field
 
 from slideframe.arrays import Float32Array, Float64Array
-from slideframe.errors import ConfigurationError, StageFailed
-from slideframe.problem import FillingProblem, Share
-from slideframe.products import Filling, SplatCloud, Survey
+from slideframe.errors import StageFailed
+from slideframe.problem import FillingProblem, MeshRegion, Share
+from slideframe.products import Filling, Georeference, SplatCloud, Survey
 from slideframe.release.grid import ReleaseGrid
 from slideframe.release.plan import Plan, plan_of
 from slideframe.release.slip_surface import release_grid
 from slideframe.stages import Context, VolumeFiller
 from slideframe_fill_poisson.appearance import SoilColors
 from slideframe_fill_poisson.coupling import STAYS, carriers
-from slideframe_fill_poisson.excavation import excavate, ground_of, room_above, soil_body
+from slideframe_fill_poisson.excavation import excavate, ground_of, room_above, room_of, soil_body
 from slideframe_fill_poisson.interior import Mode, interior_splats
 from slideframe_fill_poisson.lattice import Lattice, place_particles
 from slideframe_fill_poisson.rays import Body
+from slideframe_fill_poisson.refusals import outside, require_mass, too_thin
 from slideframe_fill_poisson.scar import scar_splats
 from slideframe_fill_poisson.solids import GROUND, Mesh, Solid
 from slideframe_fill_poisson.support import (
@@ -92,17 +93,22 @@ class PoissonFiller(VolumeFiller):
     def fill(self, survey: Survey, splats: SplatCloud, problem: FillingProblem, context: Context) -> Filling:
         """Return the soil of the region, one particle to a lattice cell, what rides on it, and what stays."""
         region, spacing = problem.region, problem.particle_spacing
-        plan = plan_of(region)
+        plan = plan_of(region, survey.georeference)
         context.progress(0, STEPS)
         support = self._support(survey, splats, plan)
         context.progress(1, STEPS, support_splats=len(support.centers))
-        soil, grid = self._ground(support, plan, problem)
+        soil, grid = self._ground(support, plan, problem, survey.georeference)
         ground = ground_of(soil)
         surface = Surface(ground.vertices.astype(np.float32), ground.triangles)
+        for name, value in grid.figures.items():
+            context.figure(name, value)
         context.progress(2, STEPS, vertices=len(surface.vertices))
         self._report_support(surface, support, plan, spacing, splats, context)
-        pit = excavate(soil, room_above(grid, plan, float(ground.vertices[:, 2].max())))
-        bounds = _bounds(plan, grid, pit.mass, surface)
+        top = float(ground.vertices[:, 2].max())
+        room = room_of(region, survey.georeference) if isinstance(region, MeshRegion) else room_above(grid, plan, top)
+        pit = excavate(soil, room)
+        require_mass(pit.mass, region, plan, grid, problem.particle_spacing)
+        bounds = _bounds(plan, pit.mass)
         positions, volumes = _particles(pit.mass, Lattice(bounds, spacing), context)
         context.progress(3, STEPS, particles=len(positions))
         colors = SoilColors(_subset(splats, support.indices), surface.vertices, self.color_neighbours, self.palette)
@@ -140,11 +146,13 @@ class PoissonFiller(VolumeFiller):
     def _limits(self, support: Support) -> tuple[float, float]:
         return self.observed_spacings * support.spacing, self.extrapolated_spacings * support.spacing
 
-    def _ground(self, support: Support, plan: Plan, problem: FillingProblem) -> tuple[Solid, ReleaseGrid]:
+    def _ground(
+        self, support: Support, plan: Plan, problem: FillingProblem, georeference: Georeference
+    ) -> tuple[Solid, ReleaseGrid]:
         """Return the soil around the region and the slip surface in it."""
         sheet = poisson_sheet(support, self._limits(support)[0])
         whole = Surface(sheet[0].astype(np.float32), sheet[1])
-        grid = release_grid(problem.region, plan, whole.top, problem.particle_spacing)
+        grid = release_grid(problem.region, plan, whole.top, problem.particle_spacing, georeference)
         margin = self._margin(plan)
         reach = widened(plan.bounds, margin)
         scanned = np.array([support.centers.min(axis=0)[:2], support.centers.max(axis=0)[:2]])
@@ -159,7 +167,7 @@ class PoissonFiller(VolumeFiller):
         margin = 1.2 * self._margin(plan)
         near = solid[within(splats.centers[solid], widened(plan.bounds, margin))]
         if not within(splats.centers[near], plan.bounds).sum() >= LEAST_SUPPORT:
-            raise _outside(plan, splats, "too few splats stand over the region")
+            raise outside(plan, splats, "too few splats stand over the region")
         kept = near[
             near_neighbors(splats.centers[near].astype(np.float64), self.outlier_neighbors, self.outlier_deviations)
         ]
@@ -191,38 +199,30 @@ class PoissonFiller(VolumeFiller):
         context.figure("extrapolated_share", shares[EXTRAPOLATED])
         context.figure("splat_spacing_m", support.spacing)
         if shares[EXTRAPOLATED] > self.maximum_extrapolated_share:
-            raise _outside(plan, splats, f"no splats support {shares[EXTRAPOLATED]:.0%} of the region")
+            raise outside(plan, splats, f"no splats support {shares[EXTRAPOLATED]:.0%} of the region")
         if not meshed.all():
             context.warn(f"{1 - meshed.mean():.1%} of the region has no surface and was left without soil")
 
 
 def _particles(mass: Solid, lattice: Lattice, context: Context) -> tuple[Float32Array, Float32Array]:
     """Fill the mass, and let the particles share what is too thin for one of its own."""
-    positions, volumes = place_particles(_body(mass.mesh()).stretches(*lattice.columns()), lattice)
+    soil = _body(mass.mesh()).stretches(*lattice.columns())
+    positions, volumes = place_particles(soil, lattice)
     if not len(positions):
-        raise ConfigurationError(
-            f"the moving mass of {mass.volume:.3g} m3 is too thin for particles {lattice.spacing:g} m apart",
-            where="[simulation] grid_spacing",
-            cure="lower grid_spacing, or the base",
-        )
-    placed = float(volumes.sum(dtype=np.float64))
-    share = mass.volume / placed
+        raise too_thin(mass.volume, lattice.spacing)
+    area = mass.plan_area()
+    share = mass.volume / float(volumes.sum(dtype=np.float64))
     context.figure("region_volume_m3", mass.volume)
-    context.figure("plan_area_m2", mass.plan_area())
+    context.figure("plan_area_m2", area)
+    context.figure("mean_depth_m", mass.volume / area)
+    context.figure("maximum_depth_m", float(np.bincount(soil.lines, soil.tops - soil.bottoms).max()))
     context.figure("particles", len(volumes))
     context.figure("volume_rescaling_percent", 100 * (share - 1))
     return positions, (volumes * share).astype(np.float32)
 
 
-def _bounds(plan: Plan, grid: ReleaseGrid, mass: Solid, surface: Surface) -> Float64Array:
+def _bounds(plan: Plan, mass: Solid) -> Float64Array:
     """Return the lowest and the highest corner of the region's volume (2, 3), m."""
-    if mass.is_empty:
-        low, high = surface.vertices[:, 2].min(), surface.vertices[:, 2].max()
-        raise ConfigurationError(
-            f"no soil lies between the base z_min = {np.nanmin(grid.base):g} and the ground",
-            where="[region] z_min",
-            cure=f"lower z_min: the ground of the region spans z {low:.2f} to {high:.2f} m",
-        )
     heights = mass.mesh().vertices[:, 2]
     return np.column_stack([plan.bounds, [heights.min(), heights.max()]])
 
@@ -243,16 +243,6 @@ def _require(count: int, what: str, minimum_opacity: float, splats: SplatCloud) 
             where="[plugins.fill_poisson] minimum_opacity",
             cure=f"lower minimum_opacity, or reconstruct more than {LEAST_SUPPORT} opaque splats",
         )
-
-
-def _outside(plan: Plan, splats: SplatCloud, what: str) -> ConfigurationError:
-    low, high = np.percentile(splats.centers, [1, 99], axis=0)
-    (west, south), (east, north) = plan.bounds
-    return ConfigurationError(
-        f"{what} x {west:g} to {east:g}, y {south:g} to {north:g} m",
-        where="[region] x_min, x_max, y_min, y_max",
-        cure=f"choose it within the scene, x {low[0]:.1f} to {high[0]:.1f}, y {low[1]:.1f} to {high[1]:.1f} m",
-    )
 
 
 def _subset(splats: SplatCloud, indices: np.ndarray) -> SplatCloud:
