@@ -19,6 +19,7 @@ COMMANDS = {
     "view": "open a run's recording in the rerun viewer",
     "verify": "check solvers against closed-form solutions and measurements",
     "compare": "print how far two runs of one problem agree",
+    "export": "write a run's splats, cameras or pictures for other programs",
     "doctor": "report what this machine offers and lacks",
     "init": "write a commented config to start from",
     "demo-survey": "write the embedded demo's photographs",

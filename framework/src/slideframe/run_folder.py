@@ -87,8 +87,8 @@ class RunFolder:
         if not all((self.folder / name).is_file() for name in files):
             return False
         stored = json.loads((self.folder / RESULT).read_text(encoding="utf-8"))
-        settings = config.outputs.model_dump(mode="json")
-        return bool(stored["keys"] == _keys(bench) and stored["outputs"].get("settings") == settings)
+        made_as = stored["outputs"].get("config", {}).get("outputs")
+        return bool(stored["keys"] == _keys(bench) and made_as == config.outputs.model_dump(mode="json"))
 
     def deliver(
         self, config: RunConfig, bench: Bench, film: bool, progress: Callable[[str, float, float], None]
@@ -112,10 +112,8 @@ class RunFolder:
             self._film(config, bench, progress)
         appraisal, maps = self._survey_report(config, bench)
         result = self._result(config, bench, appraisal)
-        result["outputs"] = {
-            "settings": config.outputs.model_dump(mode="json"),
-            "store": str(bench.store.folder.resolve()),
-        }
+        # so that the folder's products can be found and shown again, whatever is in run.toml by then
+        result["outputs"] = {"store": str(bench.store.folder.resolve()), "config": config.model_dump(mode="json")}
         result["outputs"]["left_out"] = left_out
         result["outputs"]["thinned_in_recording"] = self._recording(config, bench, result, maps, progress)
         write_result(self.folder / RESULT, result)
