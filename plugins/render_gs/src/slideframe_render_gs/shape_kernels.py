@@ -15,8 +15,8 @@ from slideframe_render_gs.deformation_kernels import can_touch
 # Splats of a block, and where in it column j of every matrix begins: entry i follows LANES after entry i - 1.
 LANES = 64
 COLUMN = 3 * LANES
-# Convergence is quadratic: a sweep that met no larger squared cosine than this leaves none above its square.
-ALMOST_ORTHOGONAL = np.float32(1e-7)
+# Convergence is quadratic: a sweep that met no larger squared cosine than this leaves cosines of a millionth.
+ALMOST_ORTHOGONAL = np.float32(1e-6)
 MOST_SWEEPS = 10
 _TINY = np.float32(1e-30)
 _ONE, _TWO = np.float32(1), np.float32(2)
@@ -26,14 +26,14 @@ _ONE, _TWO = np.float32(1), np.float32(2)
 def turn_columns(block, p, q):
     """Turn two columns, which begin at p and q, in their plane until they are orthogonal.
 
-    Returns the largest squared cosine between them before.
+    Returns whether all their squared cosines were below ALMOST_ORTHOGONAL before.
     """
-    worst = np.float32(0)
+    excess = -_ONE
     for lane in range(LANES):
         a0, a1, a2 = block[p + lane], block[p + LANES + lane], block[p + 2 * LANES + lane]
         b0, b1, b2 = block[q + lane], block[q + LANES + lane], block[q + 2 * LANES + lane]
         aa, bb, ab = a0 * a0 + a1 * a1 + a2 * a2, b0 * b0 + b1 * b1 + b2 * b2, a0 * b0 + a1 * b1 + a2 * b2
-        worst = max(worst, ab * ab / (aa * bb + _TINY))
+        excess = max(excess, ab * ab - ALMOST_ORTHOGONAL * (aa * bb))
         # the smaller root of t^2 + 2 zeta t - 1 with zeta = (bb - aa) / (2 ab), without dividing by ab
         apart, twice = bb - aa, _TWO * ab
         length = abs(apart) + math.sqrt(apart * apart + twice * twice) + _TINY
@@ -43,18 +43,31 @@ def turn_columns(block, p, q):
         block[p + lane], block[q + lane] = cosine * a0 - sine * b0, sine * a0 + cosine * b0
         block[p + LANES + lane], block[q + LANES + lane] = cosine * a1 - sine * b1, sine * a1 + cosine * b1
         block[p + 2 * LANES + lane], block[q + 2 * LANES + lane] = cosine * a2 - sine * b2, sine * a2 + cosine * b2
-    return worst
+    return excess <= 0
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
 def orthogonalise(block):
     """Turn the columns of every matrix of the block until they are orthogonal."""
     for _ in range(MOST_SWEEPS):
-        worst = turn_columns(block, 0, COLUMN)
-        worst = max(worst, turn_columns(block, 0, 2 * COLUMN))
-        worst = max(worst, turn_columns(block, COLUMN, 2 * COLUMN))
-        if worst < ALMOST_ORTHOGONAL:
+        done = turn_columns(block, 0, COLUMN)
+        done &= turn_columns(block, 0, 2 * COLUMN)
+        done &= turn_columns(block, COLUMN, 2 * COLUMN)
+        if done:
             break
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def normalise(block, lengths, start, row):
+    """Take the lengths off the columns that begin at `start`, into a row of `lengths` (3, LANES)."""
+    for lane in range(LANES):
+        x, y, z = block[start + lane], block[start + LANES + lane], block[start + 2 * LANES + lane]
+        length = math.sqrt(x * x + y * y + z * z)
+        shrink = _ONE / (length + _TINY)
+        lengths[row, lane] = length
+        block[start + lane], block[start + LANES + lane], block[start + 2 * LANES + lane] = (
+            x * shrink, y * shrink, z * shrink,
+        )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy")
@@ -66,22 +79,19 @@ def load(block, lane, F, axes):
 
 
 @njit(cache=True, error_model="numpy")
-def unload(block, lane, M, quaternion, scale):
-    """Write the lengths and the directions of a lane's columns; `M` (3, 3) is working space."""
+def unload(block, lengths, lane, M, quaternion, scale):
+    """Write a lane's lengths and the quaternion of its unit columns; `M` (3, 3) is working space."""
     least = 0
     for j in range(3):
         start = j * COLUMN + lane
-        x, y, z = block[start], block[start + LANES], block[start + 2 * LANES]
-        length = math.sqrt(x * x + y * y + z * z)
-        scale[j] = length
-        least = j if length < scale[least] else least
-        shrink = _ONE / length
-        M[0, j], M[1, j], M[2, j] = x * shrink, y * shrink, z * shrink
+        scale[j] = lengths[j, lane]
+        least = j if lengths[j, lane] < lengths[least, lane] else least
+        M[0, j], M[1, j], M[2, j] = block[start], block[start + LANES], block[start + 2 * LANES]
     # the shortest axis is the cross product of the other two, so that the rotation is proper
     p, q = (least + 1) % 3, (least + 2) % 3
-    for i in range(3):
-        k, m = (i + 1) % 3, (i + 2) % 3
-        M[i, least] = M[k, p] * M[m, q] - M[m, p] * M[k, q]
+    M[0, least] = M[1, p] * M[2, q] - M[2, p] * M[1, q]
+    M[1, least] = M[2, p] * M[0, q] - M[0, p] * M[2, q]
+    M[2, least] = M[0, p] * M[1, q] - M[1, p] * M[0, q]
     write_quaternion(M, quaternion)
 
 
@@ -112,7 +122,7 @@ def reshape(
     is turned.
     """
     block, rows, M = np.ones(3 * COLUMN, np.float32), np.empty(LANES, np.int64), np.empty((3, 3), np.float32)
-    used = 0
+    lengths, used = np.empty((3, LANES), np.float32), 0
     for row in range(first_task, last_task):
         s, k = moving[row], carriers[row]
         if stale[row] and can_touch(centers[s], radii[row], opacities[s], camera_from_world, intrinsics):
@@ -129,7 +139,9 @@ def reshape(
                 used += 1
         if used == LANES or (used and row == last_task - 1):
             orthogonalise(block)
+            for column in range(3):
+                normalise(block, lengths, column * COLUMN, column)
             for lane in range(used):
                 s = moving[rows[lane]]
-                unload(block, lane, M, rotations[s], scales[s])
+                unload(block, lengths, lane, M, rotations[s], scales[s])
             used = 0
