@@ -107,10 +107,10 @@ def test_points_are_seen_in_the_colours_of_the_photographs(refined: tuple[Survey
 def test_an_interrupted_run_ends_with_the_same_bits(
     demo: Path, source: RtkPoses, refined: tuple[Survey, Context], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from slideframe_pose_rtk import solution
+    from slideframe_pose_rtk import correspondences
 
     with monkeypatch.context() as patch:
-        patch.setattr(solution, "match_photographs", stop)
+        patch.setattr(correspondences, "match_photographs", stop)
         with pytest.raises(KeyboardInterrupt):
             locate(demo / "photographs", tmp_path / "scratch", source)
     assert locate(demo / "photographs", tmp_path / "scratch", source)[0] == refined[0]
@@ -178,7 +178,7 @@ def test_a_real_flight(shared: Path, tmp_path: Path) -> None:
         assert context.figures[f"centre_residual_{axis}_m"] <= REAL_CENTRE
     assert context.figures["gimbal_error_raw_deg"] <= REAL_GIMBAL
     assert context.figures["rtk_fixed_share"] == 1.0
-    assert not context.figures["focal_length_free"]
+    assert context.figures["focal_length_rule"].startswith("held: only 0% of the views are oblique")
     assert survey.cameras[0].focal_x == pytest.approx(1973.0899658), "as DewarpData has it"
 
 
@@ -189,7 +189,7 @@ def test_added_photographs_are_the_only_ones_computed(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from slideframe_pose_rtk import features, matching, solution
+    from slideframe_pose_rtk import correspondences, features, matching
 
     calls = {"photographs": 0, "pairs": 0}
 
@@ -210,7 +210,7 @@ def test_added_photographs_are_the_only_ones_computed(
     for path in paths[:-1]:
         shutil.copy(path, folder)
     with monkeypatch.context() as patch:  # features and matches alone
-        patch.setattr(solution, "triangulate", stop)
+        patch.setattr(correspondences, "triangulate", stop)
         with pytest.raises(KeyboardInterrupt):
             locate(folder, tmp_path / "first", source, tmp_path / "cache")
     assert calls["photographs"] == PHOTOGRAPHS - 1

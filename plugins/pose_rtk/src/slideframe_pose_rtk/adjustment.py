@@ -1,6 +1,6 @@
 """From poses to sparse points and better poses: triangulation and bundle adjustment, in rounds of rising strictness."""
 
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +9,7 @@ import numpy as np
 from slideframe.arrays import Float64Array
 from slideframe_pose_rtk.database import image_and_frame, rig_of
 from slideframe_pose_rtk.flight import Flight
+from slideframe_pose_rtk.freedom import Freedom
 
 if TYPE_CHECKING:
     import pycolmap
@@ -28,17 +29,6 @@ FUNCTION_TOLERANCE = 1e-6
 EARLY_FUNCTION_TOLERANCE = 1e-4
 
 Poses = dict[int, Float64Array]
-
-
-@dataclass(frozen=True)
-class Freedom:
-    """What of the cameras the adjustment may change, and why; `held` cameras (indices) stay as they are."""
-
-    focal_length: bool
-    principal_point: bool
-    distortion: bool
-    held: frozenset[int] = frozenset()
-    rule: str = ""
 
 
 def triangulate(
@@ -71,9 +61,17 @@ def triangulate(
 
 
 def adjust(
-    reconstruction: "pycolmap.Reconstruction", flight: Flight, freedom: Freedom, accepted: float, seed: int
+    reconstruction: "pycolmap.Reconstruction",
+    priors: "list[pycolmap.PosePrior]",
+    freedom: Freedom,
+    accepted: float,
+    seed: int,
+    fixed_points: Sequence[int] = (),
 ) -> None:
-    """Improve poses, points and what is free of the cameras, holding centres to metadata by their sigma."""
+    """Improve poses, points and what is free of the cameras, holding centres to their priors.
+
+    Centres far from their prior pull less and less, so that false positions don't bend the survey.
+    """
     import pycolmap
 
     options = pycolmap.BundleAdjustmentOptions()
@@ -90,14 +88,15 @@ def adjust(
     )
     prior_options = pycolmap.PosePriorBundleAdjustmentOptions()
     prior_options.alignment_ransac.random_seed = seed
+    prior_options.ceres.prior_position_loss_function_type = pycolmap.LossFunctionType.CAUCHY
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in reconstruction.reg_image_ids():
         config.add_image(image_id)
     for camera in freedom.held:
         config.set_constant_cam_intrinsics(camera + 1)
-    pycolmap.create_pose_prior_bundle_adjuster(
-        options, prior_options, config, _priors(reconstruction, flight), reconstruction
-    ).solve()
+    for number in fixed_points:
+        config.add_constant_point(number)
+    pycolmap.create_pose_prior_bundle_adjuster(options, prior_options, config, priors, reconstruction).solve()
     reconstruction.update_point_3d_errors()
 
 
@@ -125,6 +124,28 @@ def accepted_pixels(flight: Flight) -> list[float]:
     return [focal_length * float(np.tan(np.radians(angle))) for angle in ACCEPTED_ANGLES] + [ACCEPTED_PIXELS]
 
 
+def priors_of(
+    reconstruction: "pycolmap.Reconstruction", flight: Flight, sigma_scale: float, distrusted: Collection[int]
+) -> "list[pycolmap.PosePrior]":
+    """Return the trusted positions with their covariance, east, north, up.
+
+    Gravity stays undefined: COLMAP would read it from EXIF's orientation, which is wrong for a nadir view.
+    """
+    import pycolmap
+
+    priors = []
+    for image_id in sorted(reconstruction.reg_image_ids()):
+        if image_id - 1 in distrusted:
+            continue
+        prior = pycolmap.PosePrior()
+        prior.corr_data_id = reconstruction.image(image_id).data_id
+        prior.position = flight.positions[image_id - 1]
+        prior.position_covariance = sigma_scale**2 * flight.records[image_id - 1].position_covariance
+        prior.coordinate_system = pycolmap.PosePriorCoordinateSystem.CARTESIAN
+        priors.append(prior)
+    return priors
+
+
 def _posed(flight: Flight, lenses: "list[pycolmap.Camera]", poses: Poses) -> "pycolmap.Reconstruction":
     import pycolmap
 
@@ -143,21 +164,3 @@ def _posed(flight: Flight, lenses: "list[pycolmap.Camera]", poses: Poses) -> "py
         if index in poses:
             reconstruction.register_frame(frame.frame_id)
     return reconstruction
-
-
-def _priors(reconstruction: "pycolmap.Reconstruction", flight: Flight) -> "list[pycolmap.PosePrior]":
-    """Return the metadata's positions with their covariance, east, north, up.
-
-    Gravity stays undefined: COLMAP would read it from EXIF's orientation, which is wrong for a nadir view.
-    """
-    import pycolmap
-
-    priors = []
-    for image_id in sorted(reconstruction.reg_image_ids()):
-        prior = pycolmap.PosePrior()
-        prior.corr_data_id = reconstruction.image(image_id).data_id
-        prior.position = flight.positions[image_id - 1]
-        prior.position_covariance = np.diag(flight.position_sigma[image_id - 1] ** 2)
-        prior.coordinate_system = pycolmap.PosePriorCoordinateSystem.CARTESIAN
-        priors.append(prior)
-    return priors

@@ -12,8 +12,11 @@ from slideframe.formats.posed_model import PosedModel
 from slideframe.geodesy import ecef_from_geodetic, enu_axes
 from slideframe.products import Georeference
 from slideframe.stages import Context
+from slideframe_pose_rtk.control import Target
 from slideframe_pose_rtk.flight import Flight
 from slideframe_pose_rtk.intake import LEAST_PHOTOGRAPHS
+from slideframe_pose_rtk.sessions import sessions_of
+from slideframe_pose_rtk.sighted import compare
 from slideframe_pose_rtk.solution import Solution
 from slideframe_pose_rtk.sparse import SparsePoints
 
@@ -42,7 +45,7 @@ class Similarity:
         return np.column_stack([self.rotation @ pose[:, :3], self.points(pose[None, :, 3])[0]])
 
 
-def solve_from_model(flight: Flight, model: PosedModel, context: Context) -> Solution:
+def solve_from_model(flight: Flight, model: PosedModel, targets: tuple[Target, ...], context: Context) -> Solution:
     """Take the model's poses, cameras and points, in the frame of the flight.
 
     A model with a reference of its own is moved by it; any other by the similarity that best carries its camera
@@ -67,11 +70,15 @@ def solve_from_model(flight: Flight, model: PosedModel, context: Context) -> Sol
         context.figure("model_scale", similarity.scale)
     cameras = tuple(dict.fromkeys(views[index].camera for index in indices))
     points = SparsePoints(similarity.points(model.points), _known_errors(model, context), model.colors)
+    poses = {index: similarity.pose(views[index].world_from_camera) for index in indices}
+    camera_of = {index: cameras.index(views[index].camera) for index in indices}
     return Solution(
-        poses={index: similarity.pose(views[index].world_from_camera) for index in indices},
+        poses=poses,
         cameras=cameras,
-        camera_of={index: cameras.index(views[index].camera) for index in indices},
+        camera_of=camera_of,
+        ground_points=compare(targets, poses, cameras, camera_of),
         points=points,
+        sessions=sessions_of(flight.records),
         focal_length_rule="as imported",
         refined=True,
     )

@@ -74,6 +74,13 @@ def yaw_bias(measured: Float64Array, reference: Float64Array) -> float:
     return float(np.degrees(np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])))
 
 
+def mean_rotation(rotations: Float64Array) -> Float64Array:
+    """Return the (3, 3) rotation of least summed squared chordal distance from all of (rotation, 3, 3)."""
+    left, _, right = np.linalg.svd(rotations.mean(axis=0))
+    mean: Float64Array = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    return mean
+
+
 def about_up(degrees: float) -> Float64Array:
     """Return the rotation about the vertical axis, counter-clockwise seen from above."""
     return _about_z(degrees)

@@ -1,10 +1,13 @@
 """Which photographs to compare: those that look at the same ground from similar directions."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from slideframe.arrays import Float64Array
 from slideframe.products import Camera
 from slideframe_pose_rtk.flight import Flight
+from slideframe_pose_rtk.sessions import sessions_of
 
 SAMPLES = 8  # rays per side of a picture that stand for its footprint
 LEAST_HEIGHT = 5.0  # m above ground, where the metadata would put the camera lower, or tells nothing
@@ -14,10 +17,11 @@ Pair = tuple[int, int]
 
 
 def choose_pairs(flight: Flight, partners: int) -> list[Pair]:
-    """Return pairs (first < second) in order, up to `partners` chosen by each photograph.
+    """Return pairs (first < second) in order, up to `partners` chosen by each photograph, and those taken in turn.
 
     The ground is taken as level at the median of the metadata's heights above take-off: good enough
-    to rank partners. A photograph of unknown orientation chooses its nearest ones, twice as many.
+    to rank partners. A photograph of unknown orientation chooses its nearest ones, twice as many. Photographs
+    taken one after the other show the same ground even where a position is false.
     """
     score = shared_view(flight)
     distance = np.linalg.norm(flight.positions[:, None] - flight.positions[None], axis=-1)
@@ -30,6 +34,8 @@ def choose_pairs(flight: Flight, partners: int) -> list[Pair]:
             order = np.argsort(distance[index], kind="stable")
             chosen = [other for other in order if other != index][: 2 * partners]
         pairs.update((min(index, int(other)), max(index, int(other))) for other in chosen)
+    for session in sessions_of(flight.records):
+        pairs.update((min(one, other), max(one, other)) for one, other in pairwise(session.indices.tolist()))
     return sorted(pairs)
 
 

@@ -10,7 +10,7 @@ from slideframe.products import LeftOut, Photograph, Survey
 from slideframe.quality.pictures import PictureQuality
 from slideframe.stages import Context
 from slideframe_pose_rtk.flight import Flight
-from slideframe_pose_rtk.orientation import about_up, angle_between, yaw_bias
+from slideframe_pose_rtk.orientation import about_up, angle_between, mean_rotation, yaw_bias
 from slideframe_pose_rtk.solution import Solution
 
 FOCAL_LENGTH_DOUBT = 0.01  # of the focal length, for the statement of what it does to heights
@@ -38,11 +38,12 @@ def survey_of(
             for index in registered
         ),
         world_from_camera=np.array([solution.poses[index] for index in registered]),
-        position_sigma=flight.position_sigma[registered],
+        position_sigma=solution.sigma_scale * flight.position_sigma[registered],
         sparse_points=solution.points.places.astype(np.float32),
         sparse_colors=solution.points.colors,
         sparse_errors=solution.points.errors.astype(np.float32),
         left_out=_left_out(flight, solution, files, qualities),
+        ground_points=solution.ground_points,
     )
 
 
@@ -100,6 +101,7 @@ def report(flight: Flight, solution: Solution, survey: Survey, context: Context)
     """State the figures of the survey."""
     registered = sorted(solution.poses)
     context.figure("photographs", len(flight))
+    context.figure("flights", len(solution.sessions))
     context.figure("registered_photographs", len(registered))
     context.figure("sparse_points", len(survey.sparse_points))
     if survey.sparse_errors.any():  # an imported model may not keep them
@@ -107,7 +109,7 @@ def report(flight: Flight, solution: Solution, survey: Survey, context: Context)
     context.figure("rtk_fixed_share", float(np.mean([flight.records[index].fix == "fixed" for index in registered])))
     if solution.refined:
         _report_centres(flight, registered, survey, context)
-        _report_gimbal(flight, registered, survey, context)
+        _report_gimbal(flight, solution, context)
     _report_scale(solution, survey, context)
 
 
@@ -118,17 +120,30 @@ def _report_centres(flight: Flight, registered: list[int], survey: Survey, conte
         context.figure(f"centre_residual_{axis}_m", float(value))
 
 
-def _report_gimbal(flight: Flight, registered: list[int], survey: Survey, context: Context) -> None:
-    """State how far the gimbal angles are off, with and without one turn about the vertical for the whole survey."""
-    known = flight.oriented[registered]
-    if not known.any():
-        return
-    found = survey.world_from_camera[known, :, :3]
-    stated = flight.rotations[registered][known]
-    bias = yaw_bias(found, stated)
-    context.figure("gimbal_yaw_bias_deg", bias)
-    context.figure("gimbal_error_raw_deg", float(np.median(angle_between(found, stated))))
-    context.figure("gimbal_error_deg", float(np.median(angle_between(found, about_up(bias) @ stated))))
+def _report_gimbal(flight: Flight, solution: Solution, context: Context) -> None:
+    """State how far the gimbal angles are off: as they are, and after one turn about the vertical for each flight.
+
+    What is then left in common, seen from the camera, is the tilt of the camera in its mount, or of the principal
+    point in the picture, which can't be told apart; without it, the gimbal's own errors remain.
+    """
+    biases, raw, turned, remaining = {}, [], [], []
+    for session in solution.sessions:
+        known = [index for index in session.indices if index in solution.poses and flight.oriented[index]]
+        if not known:
+            continue
+        found = np.array([solution.poses[index][:, :3] for index in known])
+        stated = flight.rotations[known]
+        biases[session.name] = yaw_bias(found, stated)
+        unbiased = about_up(biases[session.name]) @ stated
+        mount = mean_rotation(np.swapaxes(unbiased, 1, 2) @ found)
+        raw.append(angle_between(found, stated))
+        turned.append(angle_between(found, unbiased))
+        remaining.append(angle_between(found, unbiased @ mount))
+    if biases:
+        context.figure("gimbal_yaw_bias_deg", biases)
+        context.figure("gimbal_error_raw_deg", float(np.median(np.concatenate(raw))))
+        context.figure("gimbal_error_deg", float(np.median(np.concatenate(turned))))
+        context.figure("gimbal_error_without_mount_deg", float(np.median(np.concatenate(remaining))))
 
 
 def _report_scale(solution: Solution, survey: Survey, context: Context) -> None:

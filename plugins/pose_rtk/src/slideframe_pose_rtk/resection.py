@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 ACCEPTED_PIXELS = 12.0  # as COLMAP registers images, before any adjustment
 FARTHEST_SIGMAS = 10.0  # from the metadata's position: beyond, the resection is a coincidence, or the position is false
 LEAST_FARTHEST = 2.0  # m; a resected centre before adjustment is no better
+# So many points, most of all that were matched, don't agree by coincidence: then it's the position that is false.
+CONVINCING_POINTS = 100
+CONVINCING_SHARE = 0.6
 
 
 def resect(
@@ -29,7 +32,8 @@ def resect(
 ) -> Poses:
     """Return world from camera (3, 4) of those `missing` photographs whose matches determine it.
 
-    A result is refused if it sees fewer than 30 points, or lies far from the metadata's position.
+    A result is refused if it sees fewer than 30 points, or lies far from the metadata's position without strong
+    reason.
     """
     import pycolmap
 
@@ -45,7 +49,8 @@ def resect(
         found = pycolmap.estimate_and_refine_absolute_pose(pixels, points, lens, options)
         if found is not None and found["num_inliers"] >= LEAST_OBSERVATIONS:
             pose = np.array(found["cam_from_world"].inverse().matrix(), np.float64)
-            if _is_near(pose, flight, index):
+            convincing = found["num_inliers"] >= max(CONVINCING_POINTS, CONVINCING_SHARE * len(pixels))
+            if convincing or _is_near(pose, flight, index):
                 poses[index] = pose
     return poses
 

@@ -13,6 +13,7 @@ from slideframe.stages import Context, PoseSource
 
 if TYPE_CHECKING:
     from slideframe.quality.pictures import PictureQuality
+    from slideframe_pose_rtk.control import ControlFile, Target
     from slideframe_pose_rtk.flight import Flight
     from slideframe_pose_rtk.intake import Sources
     from slideframe_pose_rtk.solution import Solution
@@ -64,6 +65,12 @@ class RtkPoses(PoseSource):
         description="sea level above the WGS84 ellipsoid at the site, m; makes orthometric heights ellipsoidal",
     )
     geoid_grid: Path | None = Field(default=None, description="the same from a grid that PROJ reads (.tif, .gtx)")
+    control: Path | None = Field(
+        default=None, description="CSV of surveyed control and check points, see docs/survey.md"
+    )
+    control_epsg: int | None = Field(
+        default=None, description="coordinate system of their easting and northing; none: they have degrees of WGS84"
+    )
     origin: Georeference | None = Field(default=None, description="of the local frame; none: the mean of the positions")
 
     @model_validator(mode="after")
@@ -79,7 +86,8 @@ class RtkPoses(PoseSource):
 
         photographs = photograph_files(site.photographs)
         model = posed_model_files(self.model) if self.model else ()
-        return [*photographs, *self._sources().paths(photographs), *model]
+        control = [self.control] if self.control else []
+        return [*photographs, *self._sources().paths(photographs), *model, *control]
 
     def preflight(self, problem: ProblemModel, device: Device) -> None:
         """Require a folder with at least three photographs that tell where they were taken."""
@@ -91,10 +99,15 @@ class RtkPoses(PoseSource):
             from slideframe.formats.models import read_posed_model
 
             read_posed_model(self.model)
+        if control := self._control_file():
+            from slideframe_pose_rtk.control import require_readable
+
+            require_readable(control)
 
     def locate(self, site: Site, context: Context) -> Survey:
         """Read the metadata, place the cameras in the local frame, and refine them."""
         from slideframe_pose_rtk import solution
+        from slideframe_pose_rtk.control import read_targets
         from slideframe_pose_rtk.flight import plan_flight, require_orientations
         from slideframe_pose_rtk.intake import LEAST_PHOTOGRAPHS, admit, photograph_files, require_baseline
         from slideframe_pose_rtk.report import report, survey_of
@@ -105,10 +118,12 @@ class RtkPoses(PoseSource):
         flight = plan_flight(records, folder, self.origin, context)
         require_baseline(flight.positions, folder)
         require_orientations(flight, LEAST_PHOTOGRAPHS)
+        control = self._control_file()
+        targets = read_targets(control, flight) if control else ()
         if self.model is None:
-            solved, qualities = self._solve(flight, digests, context)
+            solved, qualities = self._solve(flight, digests, targets, context)
         else:
-            solved, qualities = self._take_over(self.model, flight, context)
+            solved, qualities = self._take_over(self.model, flight, targets, context)
         solution.warn_of_unregistered(flight, solved, context)
         survey = survey_of(flight, solved, files, digests, qualities)
         report(flight, solved, survey, context)
@@ -128,21 +143,37 @@ class RtkPoses(PoseSource):
             calibration=self.calibration,
         )
 
-    def _solve(self, flight: "Flight", digests: list[str], context: Context) -> "tuple[Solution, Qualities]":
-        from slideframe_pose_rtk import solution
+    def _control_file(self) -> "ControlFile | None":
+        from slideframe.georeferencing import Heights
+        from slideframe_pose_rtk.control import ControlFile
+
+        if self.control is None:
+            return None
+        geoid = Heights(geoid_offset=self.geoid_offset, geoid_grid=self.geoid_grid)
+        return ControlFile(self.control, self.control_epsg, geoid)
+
+    def _solve(
+        self, flight: "Flight", digests: list[str], targets: "tuple[Target, ...]", context: Context
+    ) -> "tuple[Solution, Qualities]":
+        from slideframe_pose_rtk.correspondences import correspond
         from slideframe_pose_rtk.features import FeatureOptions
+        from slideframe_pose_rtk.freedom import HELD, choose_freedom
+        from slideframe_pose_rtk.solution import quiet_colmap, solve_by_refinement, solve_from_metadata
 
-        freedom = solution.choose_freedom(flight, self.focal_length) if self.refine else solution.HELD
-        solve = solution.solve_by_refinement if self.refine else solution.solve_from_metadata
+        control_count = sum(target.role == "control" for target in targets)
+        freedom = choose_freedom(flight, self.focal_length, control_count) if self.refine else HELD
         options = FeatureOptions(self.feature_limit, self.image_size_limit)
-        with solution.quiet_colmap():
-            found = solution.Correspondences(flight, digests, freedom, options, self.partners, context)
-            return solve(found), [features.quality for features in found.features]
+        with quiet_colmap():
+            found = correspond(flight, digests, freedom, targets, options, self.partners, self.refine, context)
+            solved = solve_by_refinement(found) if self.refine else solve_from_metadata(found)
+        return solved, [features.quality for features in found.features]
 
-    def _take_over(self, model: Path, flight: "Flight", context: Context) -> "tuple[Solution, Qualities]":
+    def _take_over(
+        self, model: Path, flight: "Flight", targets: "tuple[Target, ...]", context: Context
+    ) -> "tuple[Solution, Qualities]":
         from slideframe.formats.models import read_posed_model
         from slideframe_pose_rtk.features import inspect_pictures
         from slideframe_pose_rtk.imported import solve_from_model
 
-        solved = solve_from_model(flight, read_posed_model(model), context)
+        solved = solve_from_model(flight, read_posed_model(model), targets, context)
         return solved, inspect_pictures([record.path for record in flight.records], context)
