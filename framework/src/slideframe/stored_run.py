@@ -80,6 +80,12 @@ class StoredRun:
             raise InputError("there is no finished run", where=str(path), cure="name the folder of one") from error
         except ValueError as error:
             raise InputError(f"the result is damaged: {error}", where=str(path), cure="run again") from error
+        if not {"store", "config"} <= set(content.get("outputs", ())):
+            raise InputError(
+                "the run folder was written by an older version",
+                where=str(path),
+                cure=f"slideframe run {self.folder / CONFIG} writes it anew from what the store holds",
+            )
         return content
 
     def _product(self, kind: StageKind) -> Any:

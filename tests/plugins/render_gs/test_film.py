@@ -189,3 +189,24 @@ def test_a_camera_that_sees_nothing_is_an_error_that_says_where_the_scene_is(tmp
     )
     with pytest.raises(InputError, match=r"sees nothing(.|\n)*x -1\.9 to 2\.0"):
         next(film)
+
+
+@pytest.mark.parametrize("listed", [True, False])
+def test_a_film_that_broke_off_goes_on_with_the_same_bits(tmp_path, listed):
+    splats = cloud(4)
+    ground = filling(splats, np.arange(COUNT))
+    random = np.random.default_rng(3)
+    frames = [
+        frame(splats.centers - [0, 0, 0.2 * i], np.eye(3) + 0.05 * i * random.normal(size=(3, 3)), 0.04 * i)
+        for i in range(5)
+    ]
+
+    def film(surroundings: Context):
+        motion = frames if listed else iter(frames)
+        return list(SplatRenderer().render(hillside_survey(), splats, ground, motion, view(turn=40), surroundings))
+
+    whole = film(context(tmp_path))
+    later = Context(device=Device(), scratch=tmp_path, stored=3)
+    rest = film(later)
+    assert later.first_item == 3
+    assert rest == whole[3:]

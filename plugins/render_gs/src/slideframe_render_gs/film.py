@@ -1,7 +1,8 @@
 """From frames of particles to pictures, one at a time."""
 
 import time
-from collections.abc import Iterable, Iterator, Sized
+from collections.abc import Iterable, Iterator, Sequence, Sized
+from itertools import islice
 
 import numpy as np
 
@@ -24,7 +25,8 @@ def pictures(
 ) -> Iterator[Picture]:
     """Yield one picture per frame; memory is that of one frame.
 
-    The camera goes its way over the film where the motion knows its length; else it stands still.
+    The camera goes its way over the film where the motion knows its length; else it stands still. No picture
+    depends on those before it, so a film that broke off goes on after what is stored.
 
     Raises:
         InputError: the camera sees no splat of the first frame.
@@ -37,21 +39,29 @@ def pictures(
         context.warn("the length of the film is not known beforehand, so the camera stands still")
     context.figure("splats", len(coupling))
     seconds, blind = 0.0, 0
-    for index, frame in enumerate(motion):
+    context.resume(context.stored)
+    for index, frame in _frames_from(motion, context.first_item):
         began = time.perf_counter()
         camera, pose = shot(index / max(count - 1, 1) if count else 0.0)
         moved = scene.at(frame, enlarge(camera, view.supersampling), pose)
         fields, shows_any = draw(moved, camera, pose, view)
-        if not shows_any and not index:
+        if not shows_any and index == 0:
             raise InputError("the camera sees nothing of the scene", where="view", cure=_where_splats_are(splats))
         blind += not shows_any
         picture = Picture(time=frame.time, **fields)
         seconds += time.perf_counter() - began
-        context.figure("frames_per_second", (index + 1) / seconds)
+        context.figure("frames_per_second", (index + 1 - context.first_item) / seconds)
         context.progress(index + 1, max(count, index + 1))
         yield picture
     if blind:
         context.warn(f"the camera sees nothing of the scene in {blind} pictures")
+
+
+def _frames_from(motion: Iterable[ParticleFrame], first: int) -> Iterator[tuple[int, ParticleFrame]]:
+    """Give the frames from `first` on with their numbers, reading no earlier ones where the motion allows it."""
+    if isinstance(motion, Sequence):
+        return ((index, motion[index]) for index in range(first, len(motion)))
+    return islice(enumerate(motion), first, None)
 
 
 def _moves(shot: Shot) -> bool:
