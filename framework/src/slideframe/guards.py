@@ -12,6 +12,7 @@ from slideframe.errors import ConfigurationError, InputError, StageFailed
 from slideframe.problem import Grid, Simulation, SimulationProblem
 from slideframe.products import Filling, ParticleFrame
 from slideframe.stages import Context
+from slideframe.stress import stress_fields
 
 # Particles may start this share of a cell outside the walls: the rounding of a float32 coordinate, not a mistake.
 START_TOLERANCE = 0.01
@@ -89,14 +90,15 @@ def _check_inside(filling: Filling, simulation: Simulation) -> None:
         )
 
 
-def start_frame(filling: Filling) -> ParticleFrame:
-    """Return the frame at t = 0: the filling's own positions and velocities."""
+def start_frame(filling: Filling, problem: SimulationProblem) -> ParticleFrame:
+    """Return the frame at t = 0: the filling's own positions and velocities, without stress."""
     count = len(filling.particle_positions)
     return ParticleFrame(
         time=0.0,
         positions=filling.particle_positions.copy(),
         velocities=filling.start_velocities().copy(),
         deformation_gradients=np.tile(np.eye(3, dtype=np.float32), (count, 1, 1)),
+        **stress_fields(np.zeros((count, 3, 3)), problem),
     )
 
 

@@ -219,6 +219,8 @@ class ParticleFrame(Product):
 
     `deformation_gradients` carry neighbourhoods from t = 0 to now, for the renderer. `escaped` counts
     the particles that reached the edge of the grid and were held there.
+    The stresses are Cauchy's: their mean, tension positive, and the deviatoric stress q = sqrt(3 J2). They are
+    empty unless the problem asks for them.
     """
 
     time: float
@@ -226,6 +228,12 @@ class ParticleFrame(Product):
     velocities: Annotated[Float32Array, Array(("particle", 3), "float32", "m/s")]
     deformation_gradients: Annotated[Float32Array, Array(("particle", 3, 3), "float32", "1")]
     escaped: int = 0
+    mean_stresses: Annotated[Float32Array, Array(("stressed_particle",), "float32", "Pa")] = Field(
+        default_factory=lambda: np.zeros(0, np.float32)
+    )
+    deviatoric_stresses: Annotated[Float32Array, Array(("stressed_particle",), "float32", "Pa")] = Field(
+        default_factory=lambda: np.zeros(0, np.float32)
+    )
 
 
 class Picture(Product):

@@ -110,6 +110,7 @@ class NeverEscapes(Altered):
         (Frictionless, "sand_collapses_as_the_reference"),
         (TooStiff, "column_settles_as_theory"),
         (IgnoresWalls, "walls_differ"),
+        (Frictionless, "stress_is_recorded_on_request"),
         (Late, "frames_are_on_time"),
         (Drifting, "rest_stays_at_rest"),
         (Aliasing, "frames_own_their_arrays"),

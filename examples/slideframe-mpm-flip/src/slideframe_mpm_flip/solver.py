@@ -30,7 +30,7 @@ class FlipSolver(Solver):
         state = Particles.at_start(filling, problem.material.density)
         simulation = problem.simulation
         pace = Pace(context, simulation.frame_count, len(state.masses), float(state.masses.sum()), time_step)
-        yield start_frame(filling)
+        yield start_frame(filling, problem)
         for frame in range(1, simulation.frame_count):
             with pace:
                 for substep in range(1, substeps + 1):
@@ -39,7 +39,7 @@ class FlipSolver(Solver):
                     check_motion(state.positions, state.velocities, now, grid, time_step)
             bound_stretch(state.deformation_gradients)
             pace.frame_done(frame, substeps, int(state.held.sum()))
-            yield state.frame(frame / simulation.frame_rate)
+            yield state.frame(frame / simulation.frame_rate, problem)
 
     def _advance(self, state: Particles, problem: SimulationProblem, grid: Grid, time_step: float) -> None:
         """Carry the particles through one substep."""

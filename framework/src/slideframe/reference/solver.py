@@ -20,6 +20,7 @@ from slideframe.problem.material import ElasticSoil
 from slideframe.products import Filling, ParticleFrame
 from slideframe.reference.constitutive import kirchhoff_stress, return_mapping
 from slideframe.stages import Context, Solver
+from slideframe.stress import stress_fields
 
 BYTES_PER_PARTICLE = 27 * 8 * 12
 BYTES_PER_NODE = 4 * 8 * 3
@@ -41,7 +42,7 @@ class ReferenceSolver(Solver):
         state = Particles.at_start(filling, problem.material.density)
         simulation = problem.simulation
         pace = Pace(context, simulation.frame_count, particle_count, float(state.masses.sum()), time_step)
-        yield start_frame(filling)
+        yield start_frame(filling, problem)
         for frame in range(1, simulation.frame_count):
             with pace:
                 for substep in range(1, substeps + 1):
@@ -50,7 +51,7 @@ class ReferenceSolver(Solver):
                     check_motion(state.positions, state.velocities, now, grid, time_step)
             bound_stretch(state.deformation_gradients)
             pace.frame_done(frame, substeps, int(state.held.sum()))
-            yield state.frame(frame / simulation.frame_rate)
+            yield state.frame(frame / simulation.frame_rate, problem)
 
 
 @dataclass
@@ -99,7 +100,7 @@ class Particles:
             held=np.zeros(count, dtype=bool),
         )
 
-    def frame(self, time: float) -> ParticleFrame:
+    def frame(self, time: float, problem: SimulationProblem) -> ParticleFrame:
         """Return a copy of what the renderer needs."""
         return ParticleFrame(
             time=time,
@@ -107,6 +108,7 @@ class Particles:
             velocities=self.velocities.astype(np.float32),
             deformation_gradients=self.deformation_gradients.astype(np.float32),
             escaped=int(self.held.sum()),
+            **stress_fields(self.elastic @ np.swapaxes(self.elastic, 1, 2) - np.eye(3), problem),
         )
 
 

@@ -24,6 +24,8 @@ SETTLEMENT_TOLERANCE = 0.08
 # Other transfers than the reference's dissipate differently, by a twentieth on four cells;
 # PIC or a wrong cone is off by far more.
 COLLAPSE_TOLERANCE = 0.1
+# On average over time: other transfers vibrate differently.
+STRESS_TOLERANCE = 0.15
 FIGURES = {"particles", "mass_kg", "time_step_s", "substeps", "substeps_per_second", "escaped_particles"}
 
 
@@ -204,6 +206,23 @@ def check_sand_collapses_as_the_reference(stage: Solver, scratch: Path) -> None:
             f"friction angle {angle}: the centre of mass moved by {mine[angle]} m, "
             f"in the reference by {theirs[angle]} m ({error:.1%} of the collapse)"
         )
+
+
+def check_stress_is_recorded_on_request(stage: Solver, scratch: Path) -> None:
+    """Frames carry stress invariants where they are asked for: near the floor, on average, the reference's."""
+    problem = sand_problem(frame_rate=50.0)
+    asked = problem.model_copy(update={"simulation": problem.simulation.model_copy(update={"record_stress": True})})
+    plain = _solve(stage, _block(), problem, scratch, "plain")[-1]
+    assert not len(plain.mean_stresses), "frames carry stress that nobody asked for"
+    mine = _solve(stage, _block(), asked, scratch, "asked")
+    theirs = _solve(ReferenceSolver(), _block(), asked, scratch, "reference")
+    lower = _block().particle_positions[:, 2] < 0.25
+    for name in ("mean_stresses", "deviatoric_stresses"):
+        given, expected = (np.array([getattr(frame, name) for frame in frames]) for frames in (mine, theirs))
+        assert given.shape == expected.shape, f"{given.shape[1]} {name} for {expected.shape[1]} particles"
+        error = float(abs(given[:, lower].mean() / expected[:, lower].mean() - 1))
+        assert error <= STRESS_TOLERANCE, f"{name} differ from the reference's by {error:.1%} on average"
+        assert abs(given[:, lower].mean()) > abs(given[:, ~lower].mean()), f"{name} don't grow with depth"
 
 
 def check_particles_at_the_edge_are_held(stage: Solver, scratch: Path) -> None:

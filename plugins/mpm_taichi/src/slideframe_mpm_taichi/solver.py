@@ -31,7 +31,7 @@ class TaichiSolver(Solver):
         time_step, substeps = problem.time_step(grid)
         mass = problem.material.density * float(filling.particle_volumes.sum(dtype=np.float64))
         pace = Pace(context, simulation.frame_count, particle_count, mass, time_step)
-        yield start_frame(filling)
+        yield start_frame(filling, problem)
 
         with session(context.device, simulation.precision):
             stepper = Stepper(filling, problem, grid, context.device)

@@ -10,6 +10,7 @@ from slideframe.device import Device
 from slideframe.guards import STRETCH_BOUNDS
 from slideframe.problem import LAWS, Grid, LawConstants, SimulationProblem, Wall
 from slideframe.products import Filling, ParticleFrame
+from slideframe.stress import stress_fields, symmetric
 from slideframe.tiles import MOST_DRIFT
 from slideframe_mpm_taichi.layout import INTEGERS_PER_NODE, REALS_PER_NODE, Layout
 from slideframe_mpm_taichi.particles import INTEGERS_PER_PARTICLE, REALS_PER_PARTICLE, Particles
@@ -44,7 +45,7 @@ class Stepper:
         from slideframe_mpm_taichi.kernels import CHUNK
 
         self.coloured = device.kind == "cpu" if coloured is None else coloured
-        self.grid, self.precision = grid, problem.simulation.precision
+        self.grid, self.problem, self.precision = grid, problem, problem.simulation.precision
         self.time_step, _ = problem.time_step(grid)
         self.particles = Particles(filling, problem.material.density, grid, self.precision)
         self.layout = Layout(self.precision, self.particles.count, device.kind == "cpu")
@@ -140,4 +141,5 @@ class Stepper:
             velocities=velocities.astype(np.float32),
             deformation_gradients=self.particles.in_order("deformation_gradients").astype(np.float32),
             escaped=int(np.count_nonzero(self.particles["held"].to_numpy())),
+            **stress_fields(symmetric(self.particles.in_order("elastic_states")), self.problem),
         )

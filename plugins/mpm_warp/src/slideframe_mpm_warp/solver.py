@@ -30,7 +30,7 @@ class WarpSolver(Solver):
         time_step, substeps = problem.time_step(grid)
         mass = problem.material.density * float(filling.particle_volumes.sum(dtype=np.float64))
         pace = Pace(context, simulation.frame_count, particle_count, mass, time_step)
-        yield start_frame(filling)
+        yield start_frame(filling, problem)
 
         stepper = Stepper(filling, problem, grid, str(context.device))
         for frame in range(1, simulation.frame_count):

@@ -10,6 +10,7 @@ from slideframe.arrays import Float64Array
 from slideframe.guards import STRETCH_BOUNDS
 from slideframe.problem import LAWS, Grid, SimulationProblem, Wall
 from slideframe.products import Filling, ParticleFrame
+from slideframe.stress import stress_fields, symmetric
 from slideframe.tiles import MOST_DRIFT
 from slideframe_mpm_warp.cores import Cores
 from slideframe_mpm_warp.layout import INTEGERS_PER_NODE, REALS_PER_NODE, Layout
@@ -132,6 +133,7 @@ class Stepper:
             velocities=velocities.astype(np.float32),
             deformation_gradients=self.particles.in_order("deformation_gradients").astype(np.float32),
             escaped=int(np.count_nonzero(self.particles["held"].numpy())),
+            **stress_fields(symmetric(self.particles.in_order("elastic_states")), self.problem),
         )
 
 
