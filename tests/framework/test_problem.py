@@ -6,7 +6,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from slideframe.problem import BoxRegion, DruckerPrager, OrbitView, Sand, Simulation, SimulationProblem, Wall
+from slideframe.problem import (
+    Boundary,
+    BoxRegion,
+    Domain,
+    DruckerPrager,
+    OrbitView,
+    Sand,
+    Simulation,
+    SimulationProblem,
+    Wall,
+)
 from slideframe.testing.ground_scenes import hillside_survey
 from slideframe.testing.solver_scenes import filling_of
 
@@ -57,6 +67,25 @@ def test_cohesion_moves_the_tip_to_the_same_tension_for_every_match(match):
 def test_a_cut_off_beyond_the_tip_changes_nothing():
     soil = DruckerPrager(**EARTH | {"cohesion": 1e4, "tension_cutoff": 1e9})
     assert soil.constants.cutoff == soil.constants.apex
+
+
+def test_the_domain_reaches_over_the_terrain_and_keeps_what_is_given():
+    ground = FILLING.model_copy(update={"terrain_vertices": np.float32([[-30, -5, -9], [20, 40, 3], [0, 0, -20]])})
+    region = Domain().bounds(ground)
+    np.testing.assert_array_equal(region, FILLING.bounds)
+    np.testing.assert_array_equal(Domain(extent="terrain").bounds(ground), [[-30, -5, -20], [20, 40, 5]])
+    given = Domain(extent="terrain", margin=2, x_max=99, z_min=-50).bounds(ground)
+    np.testing.assert_array_equal(given, [[-32, -7, -50], [99, 42, 5]])
+    with pytest.raises(ValidationError, match="y_min must be less"):
+        Domain(y_min=1, y_max=0)
+
+
+def test_particles_leave_at_open_walls_only():
+    closed, opened = problem(), problem().model_copy(update={"boundary": Boundary(sides=Wall(kind="open"))})
+    grid = closed.grid(FILLING)
+    ends = tuple(length - 2 for length in grid.shape)
+    assert closed.limits(grid) == ((1, 1, 1), ends)
+    assert opened.limits(grid) == ((grid.padding, grid.padding, 1), (*grid.high, ends[2]))
 
 
 def test_dilatancy_beyond_friction_is_refused():

@@ -3,16 +3,25 @@
 import math
 from typing import Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
+from slideframe.arrays import Float64Array
 from slideframe.problem.base import ProblemModel
+from slideframe.products import Filling
+
+# What kernels are given in place of Coulomb's coefficient.
+STICKS = -1.0
+IS_OPEN = -2.0
 
 
 class Wall(ProblemModel):
-    """How one-sided contact with a plane acts: no penetration, free separation, and tangential friction."""
+    """How one-sided contact with a surface acts: no penetration, free separation, and tangential friction."""
 
-    kind: Literal["slip", "stick", "friction"] = Field(
-        default="slip", description="slip: none; stick: no motion at all; friction: Coulomb's law"
+    kind: Literal["slip", "stick", "friction", "open"] = Field(
+        default="slip",
+        description="slip: no friction; stick: no motion at all; friction: Coulomb's law; "
+        "open: nothing, and what passes is taken out and counted",
     )
     friction_angle: float = Field(default=0.0, ge=0, lt=90, description="degrees, for kind = 'friction' only")
 
@@ -27,9 +36,49 @@ class Wall(ProblemModel):
         """Coulomb coefficient mu = tan(friction_angle)."""
         return math.tan(math.radians(self.friction_angle))
 
+    @property
+    def coefficient(self) -> float:
+        """The same, or STICKS or IS_OPEN: all that a kernel must know of a wall."""
+        return {"stick": STICKS, "open": IS_OPEN}.get(self.kind, self.friction)
+
+
+class Domain(ProblemModel):
+    """Where the mass may go: the box of the grid, whose sides and floor are the walls."""
+
+    extent: Literal["region", "terrain"] = Field(
+        default="region", description="region: the walls stand at its bounds; terrain: where the scanned ground ends"
+    )
+    margin: float = Field(default=0.0, ge=0, description="room added on each of the four sides, m")
+    x_min: float | None = Field(default=None, description="west side in place of the above, m")
+    x_max: float | None = Field(default=None, description="east side, m")
+    y_min: float | None = Field(default=None, description="south side, m")
+    y_max: float | None = Field(default=None, description="north side, m")
+    z_min: float | None = Field(default=None, description="floor, m")
+    z_max: float | None = Field(default=None, description="top of the mass; a quarter more is kept as headroom, m")
+
+    def bounds(self, filling: Filling) -> Float64Array:
+        """Return the lowest and the highest corner (2, 3), m."""
+        low, high = filling.bounds
+        if self.extent == "terrain" and len(filling.terrain_vertices):
+            low = np.minimum(low, filling.terrain_vertices.min(axis=0))
+            high = np.append(np.maximum(high, filling.terrain_vertices.max(axis=0))[:2], high[2])
+        room = np.array([self.margin, self.margin, 0.0])
+        given = np.array([[self.x_min, self.y_min, self.z_min], [self.x_max, self.y_max, self.z_max]], dtype=np.float64)
+        return np.where(np.isnan(given), np.array([low - room, high + room]), given)
+
+    @model_validator(mode="after")
+    def _sides_in_order(self) -> "Domain":
+        for axis in "xyz":
+            low, high = getattr(self, f"{axis}_min"), getattr(self, f"{axis}_max")
+            if low is not None and high is not None and not low < high:
+                raise ValueError(f"{axis}_min must be less than {axis}_max")
+        return self
+
 
 class Boundary(ProblemModel):
-    """The walls of the region's box; it is open above."""
+    """The walls of the domain's box, which is open above, and the scanned ground in it."""
 
     sides: Wall = Wall()
     floor: Wall = Wall()
+    terrain: Wall = Field(default=Wall(kind="open"), description="the ground that stays once the mass is gone")
+    domain: Domain = Domain()

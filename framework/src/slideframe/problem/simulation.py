@@ -49,8 +49,19 @@ class SimulationProblem(ProblemModel):
     simulation: Simulation
 
     def grid(self, filling: Filling) -> Grid:
-        """Place the grid around the filling's bounds."""
-        return place_grid(filling.bounds, self.simulation.grid_spacing)
+        """Place the grid around the domain."""
+        return place_grid(self.boundary.domain.bounds(filling), self.simulation.grid_spacing)
+
+    def limits(self, grid: Grid) -> tuple[Vector, Vector]:
+        """Return the lowest and the highest position that a particle may have, in cells from the grid's origin.
+
+        Beyond it is taken out and counted: at open walls there, at all others where the grid ends.
+        """
+        sides, floor = self.boundary.sides.kind == "open", self.boundary.floor.kind == "open"
+        low = (grid.padding if sides else 1.0, grid.padding if sides else 1.0, grid.padding if floor else 1.0)
+        ends = [length - 2.0 for length in grid.shape]
+        high = (grid.high[0] if sides else ends[0], grid.high[1] if sides else ends[1], ends[2])
+        return low, high
 
     def time_step(self, grid: Grid) -> tuple[float, int]:
         """Return the substep in s and the whole number of substeps in a frame.

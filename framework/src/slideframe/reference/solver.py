@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slideframe.arrays import Float64Array
+from slideframe.contact import ContactNodes, terrain_contact
 from slideframe.guards import (
     STRETCH_BOUNDS,
     Pace,
@@ -16,6 +17,7 @@ from slideframe.guards import (
     start_frame,
 )
 from slideframe.problem import Boundary, Grid, SimulationProblem, Wall
+from slideframe.problem.boundary import STICKS
 from slideframe.problem.material import ElasticSoil
 from slideframe.products import Filling, ParticleFrame
 from slideframe.reference.constitutive import kirchhoff_stress, return_mapping
@@ -38,6 +40,7 @@ class ReferenceSolver(Solver):
         check_memory(
             particle_count * BYTES_PER_PARTICLE + grid.node_count * BYTES_PER_NODE, particle_count, grid.node_count
         )
+        contact = terrain_contact(filling, problem, grid)
         time_step, substeps = problem.time_step(grid)
         state = Particles.at_start(filling, problem.material.density)
         simulation = problem.simulation
@@ -46,7 +49,7 @@ class ReferenceSolver(Solver):
         for frame in range(1, simulation.frame_count):
             with pace:
                 for substep in range(1, substeps + 1):
-                    advance(state, problem, grid, time_step)
+                    advance(state, problem, grid, contact, time_step)
                     now = (frame - 1) / simulation.frame_rate + substep * time_step
                     check_motion(state.positions, state.velocities, now, grid, time_step)
             bound_stretch(state.deformation_gradients)
@@ -112,14 +115,15 @@ class Particles:
         )
 
 
-def advance(state: Particles, problem: SimulationProblem, grid: Grid, time_step: float) -> None:
+def advance(state: Particles, problem: SimulationProblem, grid: Grid, contact: ContactNodes, time_step: float) -> None:
     """Carry the particles through one substep: scatter, grid, gather, stress."""
     stencil = Stencil.around(state.positions, grid)
     momentum, mass = particles_to_grid(state, stencil, problem.material, grid, time_step)
     velocity = np.divide(momentum, mass[:, None], out=np.zeros_like(momentum), where=mass[:, None] > 0)
     velocity += time_step * np.array(problem.simulation.gravity)
+    apply_contact(velocity.reshape(*grid.shape, 3), contact)
     apply_walls(velocity.reshape(*grid.shape, 3), problem.boundary, grid)
-    grid_to_particles(state, stencil, velocity, problem.material, grid, time_step)
+    grid_to_particles(state, stencil, velocity, problem, grid, time_step)
 
 
 @dataclass
@@ -174,6 +178,13 @@ def scatter(shares: Float64Array, stencil: Stencil, grid: Grid) -> Float64Array:
     return sums
 
 
+def apply_contact(velocity: Float64Array, contact: ContactNodes) -> None:
+    """Apply, in place, the solid ground to grid velocities (i, j, k, 3)."""
+    nodes, normals = contact.indices()
+    where = tuple(nodes.T)
+    velocity[where] = _after_contact(velocity[where], normals[:, :3], normals[:, 3:])
+
+
 def apply_walls(velocity: Float64Array, boundary: Boundary, grid: Grid) -> None:
     """Apply, in place, the walls to grid velocities (i, j, k, 3): on each wall's plane of nodes and all beyond."""
     pad = grid.padding
@@ -188,36 +199,47 @@ def apply_walls(velocity: Float64Array, boundary: Boundary, grid: Grid) -> None:
 
 
 def _apply_wall(velocity: Float64Array, axis: int, inward: float, wall: Wall) -> None:
-    """Act on a block of nodes: no penetration, free separation, and Coulomb friction from the normal impulse."""
-    if wall.kind == "stick":
-        velocity[:] = 0
-        return
-    approach = -inward * velocity[..., axis]
-    touching = approach > 0
-    velocity[..., axis][touching] = 0
-    if wall.kind == "friction":
-        speed = np.linalg.norm(velocity, axis=-1)
-        kept = 1 - np.divide(wall.friction * approach, speed, out=np.ones_like(speed), where=speed > 0)
-        velocity *= np.where(touching, np.maximum(kept, 0), 1)[..., None]
+    """Act on a block of nodes."""
+    if wall.kind != "open":
+        velocity[:] = _after_contact(velocity, inward * np.eye(3)[axis], np.array(wall.coefficient))
+
+
+def _after_contact(velocity: Float64Array, normals: Float64Array, coefficients: Float64Array) -> Float64Array:
+    """Return velocities (..., 3) after one-sided contact: no penetration, free separation, and Coulomb's friction.
+
+    The impulse that stops the approach bounds that of friction. Coefficients (..., 1) are those of Wall.coefficient.
+    """
+    approach = -(velocity * normals).sum(axis=-1, keepdims=True)
+    along = velocity + approach * normals
+    speed = np.linalg.norm(along, axis=-1, keepdims=True)
+    kept = 1 - np.divide(coefficients * approach, speed, out=np.zeros_like(speed), where=speed > 0)
+    moved = np.where(approach > 0, np.clip(kept, 0, 1) * along, velocity)
+    return np.where(coefficients == STICKS, 0.0, moved)
 
 
 def grid_to_particles(
-    state: Particles, stencil: Stencil, velocity: Float64Array, soil: ElasticSoil, grid: Grid, time_step: float
+    state: Particles, stencil: Stencil, velocity: Float64Array, problem: SimulationProblem, grid: Grid, time_step: float
 ) -> None:
     """Gather velocities, move the particles, strain them and let them yield, in place."""
+    # what has left the domain weighs nothing and stays where it left
+    staying = (state.masses > 0)[:, None]
     shares = stencil.weights[:, :, None] * velocity[stencil.nodes]
-    state.velocities = shares.sum(axis=1)
-    state.velocity_gradients = (4 / grid.spacing**2) * np.einsum("pni,pnj->pij", shares, stencil.arms)
+    state.velocities = staying * shares.sum(axis=1)
+    state.velocity_gradients = staying[:, None] * (
+        (4 / grid.spacing**2) * np.einsum("pni,pnj->pij", shares, stencil.arms)
+    )
     change = np.eye(3) + time_step * state.velocity_gradients
     state.deformation_gradients = change @ state.deformation_gradients
-    flow = return_mapping(change @ state.elastic, state.volume_corrections, soil)
+    flow = return_mapping(change @ state.elastic, state.volume_corrections, problem.material)
     state.elastic, state.volume_corrections = flow.elastic, flow.volume_correction
     state.plastic_strains = state.plastic_strains + flow.sheared
     moved = state.positions + time_step * state.velocities
-    low = np.array(grid.origin) + grid.spacing
-    high = np.array(grid.origin) + grid.spacing * (np.array(grid.shape) - 2)
-    state.held |= ((moved < low) | (moved > high)).any(axis=1)
+    low, high = (np.array(grid.origin) + grid.spacing * np.array(limit) for limit in problem.limits(grid))
     state.positions = np.clip(moved, low, high)
+    leaving = ((moved < low) | (moved > high)).any(axis=1)
+    state.held |= leaving
+    for quantity in (state.masses, state.volumes, state.velocities, state.velocity_gradients):
+        quantity[leaving] = 0
 
 
 def bound_stretch(deformation_gradients: Float64Array) -> None:

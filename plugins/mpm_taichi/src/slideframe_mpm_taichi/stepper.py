@@ -6,16 +6,15 @@ import numpy as np
 import numpy.typing as npt
 
 from slideframe.arrays import Float64Array
+from slideframe.contact import terrain_contact
 from slideframe.device import Device
 from slideframe.guards import STRETCH_BOUNDS
-from slideframe.problem import LAWS, Grid, LawConstants, SimulationProblem, Wall
+from slideframe.problem import LAWS, Grid, SimulationProblem
 from slideframe.products import Filling, ParticleFrame
 from slideframe.stress import stress_fields, symmetric
 from slideframe.tiles import MOST_DRIFT
 from slideframe_mpm_taichi.layout import INTEGERS_PER_NODE, REALS_PER_NODE, Layout
 from slideframe_mpm_taichi.particles import INTEGERS_PER_PARTICLE, REALS_PER_PARTICLE, Particles
-
-WALL_KINDS = {"slip": 0, "stick": 1, "friction": 2}
 
 # The series for log(1 + X) and exp(Y) - 1 end with the sixth power. Within this norm the first neglected
 # term, of relative size norm^6 / 7, is below the rounding of the type.
@@ -55,34 +54,31 @@ class Stepper:
         self.gravity.from_numpy(np.array([problem.simulation.gravity], self.precision))
         # a bound on how far, in cells, a particle has moved since the layout was made; there is none at first
         self.drift = np.inf
-        self._arrange(problem)
+        self._arrange(filling, problem)
 
-    def _arrange(self, problem: SimulationProblem) -> None:
+    def _arrange(self, filling: Filling, problem: SimulationProblem) -> None:
         """Order the arguments of a substep's launches that stay the same, once."""
         grid, soil, boundary = self.grid, problem.material, problem.boundary
-        walls: tuple[Wall, Wall] = (boundary.sides, boundary.floor)
-        self.soils = self._soils(soil.constants)
+        contact = terrain_contact(filling, problem, grid)
+        self.ground = (self._vectors(contact.columns, np.int32), self._vectors(contact.normals))
         self._update = (
-            self.gravity,
-            self.time_step,
-            grid.padding,
-            grid.high,
-            tuple(WALL_KINDS[wall.kind] for wall in walls),
-            *(wall.friction for wall in walls),
-        )
+            self.gravity, self.time_step, 1.0, *self.ground, grid.padding, grid.high,
+            boundary.sides.coefficient, boundary.floor.coefficient,
+        )  # fmt: skip
         self._constants = (
-            self.time_step, grid.spacing, LAWS.index(soil.law), self.soils,
-            grid.shape, SERIES_RADIUS[self.precision],
+            self.time_step, grid.spacing, LAWS.index(soil.law), self._vectors([soil.constants]),
+            self._vectors(problem.limits(grid)), SERIES_RADIUS[self.precision],
         )  # fmt: skip
 
-    def _soils(self, constants: LawConstants) -> Any:
-        """Return the constants of the soil as an array of one vector."""
+    def _vectors(self, values: npt.ArrayLike, kind: npt.DTypeLike = None) -> Any:
+        """Return values (..., n) as an array of vectors of n, reals unless told otherwise."""
         import taichi as ti
 
-        real = ti.f64 if self.precision == "float64" else ti.f32
-        soils = ti.ndarray(ti.types.vector(len(constants), real), 1)
-        soils.from_numpy(np.array([constants], self.precision))
-        return soils
+        array = np.asarray(values, kind or self.precision)
+        element = {"int32": ti.i32, "float32": ti.f32, "float64": ti.f64}[array.dtype.name]
+        vectors = ti.ndarray(ti.types.vector(array.shape[-1], element), array.shape[:-1])
+        vectors.from_numpy(array)
+        return vectors
 
     def substep(self) -> float:
         """Advance by one time step, and return the greatest component of velocity, m/s; a huge one for NaN."""

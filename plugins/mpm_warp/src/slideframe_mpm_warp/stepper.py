@@ -7,8 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from slideframe.arrays import Float64Array
+from slideframe.contact import ContactNodes, terrain_contact
 from slideframe.guards import STRETCH_BOUNDS
-from slideframe.problem import LAWS, Grid, SimulationProblem, Wall
+from slideframe.problem import LAWS, Grid, SimulationProblem
 from slideframe.products import Filling, ParticleFrame
 from slideframe.stress import stress_fields, symmetric
 from slideframe.tiles import MOST_DRIFT
@@ -17,7 +18,6 @@ from slideframe_mpm_warp.layout import INTEGERS_PER_NODE, REALS_PER_NODE, Layout
 from slideframe_mpm_warp.particles import INTEGERS_PER_PARTICLE, REALS_PER_PARTICLE, Particles
 from slideframe_mpm_warp.runtime import kernels_in
 
-WALL_KINDS = {"slip": 0, "stick": 1, "friction": 2}
 JACOBI_SWEEPS = 6
 
 
@@ -46,6 +46,7 @@ class Stepper:
         self.kernels: Any = kernels_in(problem.simulation.precision, device, not self.coloured)
         self.time_step, _ = problem.time_step(grid)
         self.particles = Particles(filling, problem.material.density, grid, self.kernels, device)
+        self.ground = self._ground(terrain_contact(filling, problem, grid))
         self.layout = Layout(self.kernels, device, self.particles.count)
         self.cores = Cores(self.particles.count if self.coloured else 1)
         chunks = -(-self.particles.count // self.kernels.CHUNK)
@@ -53,6 +54,14 @@ class Stepper:
         # a bound on how far, in cells, a particle has moved since the layout was made; there is none at first
         self.drift = np.inf
         self._phases: list[list[Any]] = []
+
+    def _ground(self, contact: ContactNodes) -> tuple[Any, Any]:
+        """Return where solid ground acts, in Warp's memory."""
+        import warp as wp
+
+        normals = contact.normals.astype(np.dtype(self.kernels.Real.__name__))
+        with wp.ScopedDevice(self.device):
+            return wp.array(contact.columns, dtype=wp.vec3i), wp.array(normals, dtype=self.kernels.Vector4)
 
     def substep(self) -> float:
         """Advance by one time step, and return the greatest component of velocity, m/s; infinity for NaN."""
@@ -87,12 +96,11 @@ class Stepper:
         self._phases = [self._record(kernels.particles_to_grid, run, *scattered, layout.nodes) for run in runs if run]
 
         boundary, gravity = self.problem.boundary, np.array(self.problem.simulation.gravity)
-        walls: tuple[Wall, Wall] = (boundary.sides, boundary.floor)
         even = _even_runs(layout.node_count, self.cores.count)
         self._phases += [self._record(
             kernels.update_grid, even, layout.nodes, layout.columns, layout.owners, layout.corner, layout.across,
-            kernels.Vector(*(gravity * self.time_step)), self.grid.padding, wp.vec2i(*self.grid.high),
-            wp.vec2i(*(WALL_KINDS[wall.kind] for wall in walls)), kernels.Vector2(*(wall.friction for wall in walls)),
+            kernels.Vector(*(gravity * self.time_step)), 1.0, *self.ground, self.grid.padding,
+            wp.vec2i(*self.grid.high), kernels.Vector2(boundary.sides.coefficient, boundary.floor.coefficient),
         )]  # fmt: skip
 
         names = (
@@ -104,7 +112,7 @@ class Stepper:
         self._phases += [self._record(
             kernels.grid_to_particles, even, layout.nodes, *where, *(particles[name] for name in names), self.fastest,
             self.time_step, self.grid.spacing, LAWS.index(soil.law), kernels.Soil(*soil.constants),
-            kernels.Vector(*(length - 2.0 for length in self.grid.shape)), JACOBI_SWEEPS,
+            *(kernels.Vector(*limit) for limit in self.problem.limits(self.grid)), JACOBI_SWEEPS,
         )]  # fmt: skip
 
     def _record(self, kernel: Any, runs: Sequence[tuple[int, int]], *inputs: Any) -> list[Any]:

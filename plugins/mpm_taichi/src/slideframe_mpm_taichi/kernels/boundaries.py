@@ -2,29 +2,60 @@
 
 import taichi as ti
 
+from slideframe.problem.boundary import IS_OPEN, STICKS
+
 from .arrays import Array
 from .layout import Pair, place_of
 
-STICK = 1
-FRICTION = 2
+
+@ti.func
+def contact(velocity, normal, coefficient):
+    """Return a node's velocity after one-sided contact with a surface: no penetration, Coulomb's friction.
+
+    `coefficient` is that of slideframe's Wall: Coulomb's, or STICKS or IS_OPEN.
+    """
+    result = velocity
+    approach = -velocity.dot(normal)
+    if coefficient == STICKS:
+        result = ti.Vector([0.0, 0.0, 0.0])
+    elif coefficient != IS_OPEN and approach > 0.0:
+        result = velocity + approach * normal
+        if coefficient > 0.0:
+            speed = result.norm()
+            # the impulse that stops the approach bounds that of friction (Coulomb)
+            if speed <= coefficient * approach:
+                result = ti.Vector([0.0, 0.0, 0.0])
+            else:
+                result *= 1.0 - coefficient * approach / speed
+    return result
 
 
 @ti.func
-def wall(velocity, axis: ti.template(), inward: ti.template(), kind, friction):
-    """Return a node's velocity after one-sided contact with a plane whose normal is `inward` along `axis`."""
+def ground(velocity, i, j, k, solid: ti.template(), normals: ti.template()):
+    """Return a node's velocity after contact with the solid ground, where the node lies in it (ContactNodes)."""
     result = velocity
-    approach = -inward * velocity[axis]
-    if kind == STICK:
-        result = ti.Vector([0.0, 0.0, 0.0])
-    elif approach > 0.0:
-        result[axis] = 0.0
-        if kind == FRICTION:
-            speed = result.norm()
-            # the impulse that stops the approach bounds that of friction (Coulomb)
-            if speed <= friction * approach:
-                result = ti.Vector([0.0, 0.0, 0.0])
-            else:
-                result *= 1.0 - friction * approach / speed
+    if i < solid.shape[0] and j < solid.shape[1]:
+        layer = k - solid[i, j][0]
+        if layer >= 0 and layer < solid[i, j][1]:
+            normal = normals[solid[i, j][2] + layer]
+            result = contact(velocity, ti.Vector([normal[0], normal[1], normal[2]]), normal[3])
+    return result
+
+
+@ti.func
+def walls(velocity, i, j, k, padding, high, side, floor):
+    """Return a node's velocity after contact with the walls of the box, of coefficients `side` and `floor`."""
+    result = velocity
+    if i <= padding:
+        result = contact(result, ti.Vector([1.0, 0.0, 0.0]), side)
+    if i >= high[0]:
+        result = contact(result, ti.Vector([-1.0, 0.0, 0.0]), side)
+    if j <= padding:
+        result = contact(result, ti.Vector([0.0, 1.0, 0.0]), side)
+    if j >= high[1]:
+        result = contact(result, ti.Vector([0.0, -1.0, 0.0]), side)
+    if k <= padding:
+        result = contact(result, ti.Vector([0.0, 0.0, 1.0]), floor)
     return result
 
 
@@ -45,26 +76,20 @@ def update_grid(
     across: ti.i32,
     gravity: Array,
     time_step: float,
+    kept: float,
+    solid: Array,
+    normals: Array,
     padding: ti.i32,
     high: ti.types.vector(2, ti.i32),
-    wall_kinds: ti.types.vector(2, ti.i32),
-    side_friction: float,
-    floor_friction: float,
+    side: float,
+    floor: float,
 ):
-    """Turn momentum into velocity, apply gravity, then the walls; the kinds are of (sides, floor)."""
+    """Turn momentum into velocity, apply gravity and damping (`kept` is what that leaves), then ground and walls."""
     for node in range(node_count):
         entry = grid[node]
         if entry[3] > 0.0:
             i, j, k = place_of(node, columns, owners, corner, across)
-            v = ti.Vector([entry[0], entry[1], entry[2]]) / entry[3] + time_step * gravity[0]
-            if i <= padding:
-                v = wall(v, 0, 1.0, wall_kinds[0], side_friction)
-            if i >= high[0]:
-                v = wall(v, 0, -1.0, wall_kinds[0], side_friction)
-            if j <= padding:
-                v = wall(v, 1, 1.0, wall_kinds[0], side_friction)
-            if j >= high[1]:
-                v = wall(v, 1, -1.0, wall_kinds[0], side_friction)
-            if k <= padding:
-                v = wall(v, 2, 1.0, wall_kinds[1], floor_friction)
+            v = kept * (ti.Vector([entry[0], entry[1], entry[2]]) / entry[3] + time_step * gravity[0])
+            v = ground(v, i, j, k, solid, normals)
+            v = walls(v, i, j, k, padding, high, side, floor)
             grid[node] = ti.Vector([v[0], v[1], v[2], entry[3]])

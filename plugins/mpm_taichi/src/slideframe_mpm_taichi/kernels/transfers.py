@@ -6,7 +6,7 @@ from .arrays import Array
 from .layout import Pair
 from .materials import kirchhoff_stress, return_mapping
 from .stencils import spline, stencil_around
-from .tensors import pack, unpack
+from .tensors import pack, sphere, unpack
 
 CHUNK = 256
 UNBOUNDED = 1e30
@@ -130,7 +130,7 @@ def grid_to_particles(
     spacing: float,
     law: ti.template(),
     soils: Array,
-    shape: ti.types.vector(3, ti.i32),
+    limits: Array,
     series_radius: float,
     fastest: Array,
 ):
@@ -142,6 +142,9 @@ def grid_to_particles(
     for chunk in range(fastest.shape[0]):
         chunk_fastest = 0.0
         for particle in range(chunk * CHUNK, ti.min((chunk + 1) * CHUNK, positions.shape[0])):
+            # what has left the domain weighs nothing and stays where it left
+            if masses[particle] == 0.0:
+                continue
             position = positions[particle]
             velocity, moment = gather(position, columns, corner, across, grid)
 
@@ -161,20 +164,20 @@ def grid_to_particles(
             volume_corrections[particle] = correction
             velocities[particle] = velocity
             residual = residuals[particle]
+            leaving = False
             for axis in ti.static(range(3)):
                 # Kahan's summation: a slow particle's step is below the rounding of its place, and would be lost
                 step = time_step / spacing * velocity[axis] + residual[axis]
                 moved = position[axis] + step
                 residual[axis] = step - (moved - position[axis])
                 # written so that NaN, too, is held: an index made of it would leave the grid
-                if not (moved >= 1.0):
-                    moved = 1.0
-                    residual[axis] = 0.0
-                    held[particle] = 1
-                if moved > shape[axis] - 2.0:
-                    moved = shape[axis] - 2.0
-                    residual[axis] = 0.0
-                    held[particle] = 1
+                # what runs away stays, for the watch to find
+                if not (moved >= limits[0][axis]):
+                    leaving = leaving or ti.abs(step) <= 1.0
+                    moved = limits[0][axis]
+                if moved > limits[1][axis]:
+                    leaving = leaving or ti.abs(step) <= 1.0
+                    moved = limits[1][axis]
                 position[axis] = moved
                 speed = ti.abs(velocity[axis])
                 if not (speed <= UNBOUNDED):
@@ -182,6 +185,11 @@ def grid_to_particles(
                 chunk_fastest = ti.max(chunk_fastest, speed)
             positions[particle] = position
             residuals[particle] = residual
+            if leaving:
+                held[particle] = 1
+                masses[particle] = 0.0
+                velocities[particle] = ti.Vector([0.0, 0.0, 0.0])
+                affines[particle] = sphere(0.0)
         fastest[chunk] = chunk_fastest
 
 

@@ -2,33 +2,72 @@
 
 import warp as wp
 
+from slideframe.problem.boundary import IS_OPEN, STICKS
+
 from .layout import place_of
 from .reals import Real, Vector, Vector2, Vector4
 
 wp.set_module_options({"enable_backward": False})
 
-SLIP = wp.constant(0)
-STICK = wp.constant(1)
-FRICTION = wp.constant(2)
+STICKS = wp.constant(Real(STICKS))
+IS_OPEN = wp.constant(Real(IS_OPEN))
 
 
 @wp.func
-def wall(velocity: Vector, axis: int, inward: Real, kind: int, friction: Real) -> Vector:
-    """Return a node's velocity after one-sided contact with a plane whose normal is `inward` along `axis`."""
-    if kind == STICK:
+def contact(velocity: Vector, normal: Vector, coefficient: Real) -> Vector:
+    """Return a node's velocity after one-sided contact with a surface: no penetration, Coulomb's friction.
+
+    `coefficient` is that of slideframe's Wall: Coulomb's, or STICKS or IS_OPEN.
+    """
+    if coefficient == IS_OPEN:
+        return velocity
+    if coefficient == STICKS:
         return Vector()
-    approach = -inward * velocity[axis]
+    approach = -wp.dot(velocity, normal)
     if approach <= Real(0.0):
         return velocity
-    along = velocity
-    along[axis] = Real(0.0)
-    if kind == FRICTION:
-        speed = wp.length(along)
-        # the impulse that stops the approach bounds that of friction (Coulomb)
-        if speed <= friction * approach:
+    along = velocity + approach * normal
+    speed = wp.length(along)
+    # the impulse that stops the approach bounds that of friction (Coulomb)
+    if coefficient > Real(0.0):
+        if speed <= coefficient * approach:
             return Vector()
-        along = along * (Real(1.0) - friction * approach / speed)
+        along = along * (Real(1.0) - coefficient * approach / speed)
     return along
+
+
+@wp.func
+def ground(
+    velocity: Vector, i: int, j: int, k: int, solid: wp.array2d(dtype=wp.vec3i), normals: wp.array(dtype=Vector4)
+):
+    """Return a node's velocity after contact with the solid ground, where the node lies in it (ContactNodes)."""
+    v = velocity
+    if i < solid.shape[0] and j < solid.shape[1]:
+        column = solid[i, j]
+        layer = k - column[0]
+        if layer >= 0 and layer < column[1]:
+            normal = normals[column[2] + layer]
+            v = contact(v, Vector(normal[0], normal[1], normal[2]), normal[3])
+    return v
+
+
+@wp.func
+def walls(velocity: Vector, i: int, j: int, k: int, padding: int, high: wp.vec2i, coefficients: Vector2) -> Vector:
+    """Return a node's velocity after contact with the walls of the box; coefficients are of (sides, floor)."""
+    v = velocity
+    none = Real(0.0)
+    one = Real(1.0)
+    if i <= padding:
+        v = contact(v, Vector(one, none, none), coefficients[0])
+    if i >= high[0]:
+        v = contact(v, Vector(-one, none, none), coefficients[0])
+    if j <= padding:
+        v = contact(v, Vector(none, one, none), coefficients[0])
+    if j >= high[1]:
+        v = contact(v, Vector(none, -one, none), coefficients[0])
+    if k <= padding:
+        v = contact(v, Vector(none, none, one), coefficients[1])
+    return v
 
 
 @wp.kernel
@@ -40,26 +79,20 @@ def update_grid(
     corner: wp.vec2i,
     across: int,
     velocity_change: Vector,
+    kept: Real,
+    solid: wp.array2d(dtype=wp.vec3i),
+    normals: wp.array(dtype=Vector4),
     padding: int,
     high: wp.vec2i,
-    wall_kinds: wp.vec2i,
-    wall_frictions: Vector2,
+    coefficients: Vector2,
 ):
-    """Turn momentum into velocity, apply gravity, then the walls; the kinds and frictions are of (sides, floor)."""
+    """Turn momentum into velocity, apply gravity and damping (`kept` is what that leaves), then ground and walls."""
     node = first + wp.tid()
     entry = grid[node]
     mass = entry[3]
     if mass > Real(0.0):
         i, j, k = place_of(node, columns, owners, corner, across)
-        v = Vector(entry[0], entry[1], entry[2]) / mass + velocity_change
-        if i <= padding:
-            v = wall(v, 0, Real(1.0), wall_kinds[0], wall_frictions[0])
-        if i >= high[0]:
-            v = wall(v, 0, Real(-1.0), wall_kinds[0], wall_frictions[0])
-        if j <= padding:
-            v = wall(v, 1, Real(1.0), wall_kinds[0], wall_frictions[0])
-        if j >= high[1]:
-            v = wall(v, 1, Real(-1.0), wall_kinds[0], wall_frictions[0])
-        if k <= padding:
-            v = wall(v, 2, Real(1.0), wall_kinds[1], wall_frictions[1])
+        v = kept * (Vector(entry[0], entry[1], entry[2]) / mass + velocity_change)
+        v = ground(v, i, j, k, solid, normals)
+        v = walls(v, i, j, k, padding, high, coefficients)
         grid[node] = Vector4(v[0], v[1], v[2], mass)

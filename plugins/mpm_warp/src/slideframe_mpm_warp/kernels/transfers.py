@@ -60,7 +60,8 @@ def grid_to_particles(
     spacing: Real,
     law: int,
     soil: Soil,
-    last_position: Vector,
+    lowest: Vector,
+    highest: Vector,
     sweeps: int,
 ):
     """Gather velocity and its gradient, move the particle, strain it, and prepare its next scatter.
@@ -68,6 +69,9 @@ def grid_to_particles(
     `fastest` receives the greatest component of velocity in each chunk of particles, UNBOUNDED for NaN.
     """
     particle = first + wp.tid()
+    # what has left the domain weighs nothing and stays where it left
+    if masses[particle] == Real(0.0):
+        return
     position = positions[particle]
     gathered = gather(grid, columns, across, stencil_around(position, corner, across))
     velocity = Vector(gathered[0, 3], gathered[1, 3], gathered[2, 3])
@@ -93,23 +97,28 @@ def grid_to_particles(
     volume_corrections[particle] = correction
     velocities[particle] = velocity
     residual = residuals[particle]
+    leaving = False
     for axis in range(3):
         # Kahan's summation: a slow particle's step is below the rounding of its place, and would be lost
         step = time_step / spacing * velocity[axis] + residual[axis]
         moved = position[axis] + step
         residual[axis] = step - (moved - position[axis])
         # written so that NaN, too, is held: an index made of it would leave the grid
-        if not (moved >= Real(1.0)):
-            moved = Real(1.0)
-            residual[axis] = Real(0.0)
-            held[particle] = 1
-        if moved > last_position[axis]:
-            moved = last_position[axis]
-            residual[axis] = Real(0.0)
-            held[particle] = 1
+        # what runs away stays, for the watch to find
+        if not (moved >= lowest[axis]):
+            leaving = leaving or wp.abs(step) <= Real(1.0)
+            moved = lowest[axis]
+        if moved > highest[axis]:
+            leaving = leaving or wp.abs(step) <= Real(1.0)
+            moved = highest[axis]
         position[axis] = moved
     positions[particle] = position
     residuals[particle] = residual
+    if leaving:
+        held[particle] = 1
+        masses[particle] = Real(0.0)
+        velocities[particle] = Vector()
+        affines[particle] = Matrix()
     speed = wp.max(wp.abs(velocity))
     if not (speed <= UNBOUNDED):
         speed = UNBOUNDED

@@ -1,0 +1,116 @@
+"""Blocks on scanned ground: Coulomb's law at any angle of slope and grid, in the reference and both backends."""
+
+import math
+
+import numpy as np
+import pytest
+
+from slideframe.problem import Boundary, Simulation, SimulationProblem, Wall
+from slideframe.problem.material import Elastic
+from slideframe.testing.solver_scenes import filling_of
+
+# The block starts free of stress and settles into the cells that the surface cuts while it slides.
+ACCELERATION_TOLERANCE = 0.03
+CREEP_TOLERANCE_M = 5e-4
+MU_22 = math.tan(math.radians(22.0))
+SPACING = 0.25
+
+
+def turn(slope, heading):
+    """Return the axes of a plane that falls by `slope` towards `heading`, degrees: downhill, across, out of it."""
+    a, b = math.radians(slope), math.radians(heading)
+    downhill = np.array([math.cos(a) * math.cos(b), math.cos(a) * math.sin(b), -math.sin(a)])
+    across = np.array([-math.sin(b), math.cos(b), 0.0])
+    return np.stack([downhill, across, np.cross(downhill, across)])
+
+
+def incline(slope, heading, wall, *, duration=0.6, frame_rate=10.0, gravity=9.81):
+    """A block of 2 x 1 x 0.5 m on a plane 12 m long."""
+    axes = turn(slope, heading)
+    step = SPACING / 2
+    block = np.stack(
+        np.meshgrid(
+            np.arange(-1 + step / 2, 1, step),
+            np.arange(-0.5 + step / 2, 0.5, step),
+            np.arange(step / 2, 0.5, step),
+            indexing="ij",
+        ),
+        axis=-1,
+    ).reshape(-1, 3)
+    corners = np.array([[-2.5, -2.5, 0], [6, -2.5, 0], [6, 2.5, 0], [-2.5, 2.5, 0]]) @ axes
+    positions = (block @ axes).astype(np.float32)
+    low, high = corners.min(axis=0) - 0.5, corners.max(axis=0) + 1.5
+    filling = filling_of(positions, step**3).model_copy(
+        update={
+            "bounds": np.array([low, high]),
+            "terrain_vertices": corners.astype(np.float32),
+            "terrain_triangles": np.int32([[0, 1, 2], [0, 2, 3]]),
+        }
+    )
+    problem = SimulationProblem(
+        material=Elastic(density=2000, youngs_modulus=1e6, poisson_ratio=0.3),
+        boundary=Boundary(sides=Wall(kind="open"), floor=Wall(kind="open"), terrain=wall),
+        simulation=Simulation(
+            duration=duration, frame_rate=frame_rate, grid_spacing=SPACING, gravity=(0.0, 0.0, -gravity)
+        ),
+    )
+    return axes, filling, problem
+
+
+def coulomb(friction):
+    return Wall(kind="friction", friction_angle=math.degrees(math.atan(friction)))
+
+
+@pytest.mark.parametrize(
+    ("slope", "heading", "friction", "expected"),
+    # physics.md, "Block on an incline", g = 9.81 m/s2
+    [(30, 0, 0.2, 3.205858), (35, 27, MU_22, 2.380078), (40, 45, MU_22, 3.269531), (30, 200, 0.2, 3.205858)],
+)
+def test_block_slides_as_coulomb_says_at_any_angle_of_the_grid(motion, solver, slope, heading, friction, expected):
+    axes, filling, problem = incline(slope, heading, coulomb(friction))
+    frames = motion(solver, filling, problem)
+    downhill = [float((frame.velocities.astype(np.float64) @ axes[0]).mean()) for frame in frames]
+    assert (downhill[6] - downhill[2]) / 0.4 == pytest.approx(expected, rel=ACCELERATION_TOLERANCE)
+    across = np.abs((frames[-1].positions - frames[0].positions) @ axes[1]).mean()
+    assert across < 0.02 * 0.5 * expected * 0.6**2
+    assert frames[-1].escaped == 0
+
+
+def test_slip_ground_takes_no_speed_along_it(motion, solver):
+    """A collider that ends by zeroing the velocity, as PhysGaussian's does, moves the block by a sixth of this."""
+    axes, filling, problem = incline(30, 27, Wall(), duration=0.3)
+    frames = motion(solver, filling, problem)
+    travelled = float(((frames[-1].positions.astype(np.float64) - frames[0].positions) @ axes[0]).mean())
+    assert travelled == pytest.approx(0.5 * 9.81 * 0.5 * 0.3**2, rel=0.02)
+
+
+def test_block_sticks_below_the_friction_angle(motion, solver):
+    axes, filling, problem = incline(20, 0, coulomb(math.tan(math.radians(24))), duration=1.2)
+    frames = motion(solver, filling, problem)
+    # it sinks, leans and slides a little until the ground carries it; then it stands
+    moved = [float(((frame.positions.astype(np.float64) - frames[0].positions) @ axes[0]).mean()) for frame in frames]
+    assert moved[12] < 0.04
+    assert abs(moved[12] - moved[9]) <= CREEP_TOLERANCE_M
+
+
+def test_what_slides_off_the_ground_is_counted_and_kept(motion, solver):
+    """The mass passes the open side below the ground's end: no particle is lost, each is held where it left."""
+    _, filling, problem = incline(40, 0, Wall(), duration=1.6, frame_rate=5.0)
+    frames = motion(solver, filling, problem)
+    last = frames[-1]
+    assert [len(frame.positions) for frame in frames] == [len(filling.particle_positions)] * len(frames)
+    escaped = [frame.escaped for frame in frames]
+    assert escaped == sorted(escaped)
+    assert escaped[0] == 0
+    assert escaped[-1] > 0.9 * len(filling.particle_positions)
+    low, high = problem.boundary.domain.bounds(filling)
+    assert (last.positions >= low - 1e-3).all()
+    assert (last.positions[:, :2] <= high[:2] + SPACING).all()
+
+
+def test_backends_agree_on_ground(motion, backend):
+    _, filling, problem = incline(35, 27, coulomb(MU_22))
+    mine, theirs = (motion(name, filling, problem)[-1] for name in (backend, "reference"))
+    # contact is an either-or at each node, so that rounding decides for a few of them
+    assert np.abs(mine.positions - theirs.positions).max() <= 2e-3
+    assert np.abs(mine.velocities.mean(axis=0) - theirs.velocities.mean(axis=0)).max() <= 2e-3
