@@ -4,7 +4,11 @@ import sys
 import numpy as np
 import pytest
 
-from slideframe.record import drawing
+from slideframe.problem import Sand, Simulation, SimulationProblem
+from slideframe.products import Picture
+from slideframe.record import Recording, drawing, log_film, log_motion
+from slideframe.record.motion import Drawn
+from slideframe.testing.ground_scenes import hillside_filling, hillside_splats, moving_frames
 
 FULL_DISK = """
 import resource, signal
@@ -54,3 +58,66 @@ def test_quaternions_and_colours_are_rerun_s():
 @pytest.mark.parametrize(("share", "colour"), [(0.0, [70, 90, 130]), (0.5, [240, 210, 80]), (1.0, [190, 30, 30])])
 def test_heat_runs_from_blue_over_yellow_to_red(share, colour):
     assert drawing.heat(np.float32([share])).tolist() == [colour]
+
+
+PROBLEM = SimulationProblem(
+    material=Sand(friction_angle=30, density=1600, youngs_modulus=1e6, poisson_ratio=0.2),
+    simulation=Simulation(duration=1, grid_spacing=1),
+)
+
+
+def entities_of(path) -> dict[str, int]:
+    """Every entity of a recording and its number of rows."""
+    import rerun.chunk
+
+    rows: dict[str, int] = {}
+    for chunk in rerun.chunk.RrdReader(str(path)).stream():
+        rows[str(chunk.entity_path)] = rows.get(str(chunk.entity_path), 0) + chunk.num_rows
+    return rows
+
+
+def motion_recording(path, budget: int) -> list[str]:
+    recording, filling = Recording(path, "test"), hillside_filling()
+    frames = moving_frames(filling, frame_count=6, step=0.5)
+    scene = hillside_splats(), filling, frames
+    left_out = log_motion(recording.stream, *scene, PROBLEM, budget, lambda done, total: None)
+    assert recording.written_bytes > 0
+    recording.close()
+    return left_out
+
+
+def test_a_motion_within_its_budget_is_all_there(tmp_path):
+    assert motion_recording(tmp_path / "a.rrd", 10**9) == []
+    rows = entities_of(tmp_path / "a.rrd")
+    assert rows["/motion/splats"] == 6 + 1  # and what lasts
+    assert rows["/motion/particles"] == rows["/map/thickness"] == 6
+    for name in ("energy/kinetic", "energy/potential", "mass/moving", "travel/front", "volume/outside"):
+        assert rows[f"/figures/{name}"] == 6, name
+
+
+def test_beyond_its_budget_frames_are_left_out_and_it_is_said(tmp_path):
+    splats = len(hillside_splats()) + 2 * len(hillside_filling().particle_positions)
+    left_out = motion_recording(tmp_path / "b.rrd", 3 * 23 * splats)
+    assert left_out == ["3 of 6 frames of the motion are drawn"]
+    rows = entities_of(tmp_path / "b.rrd")
+    assert rows["/motion/particles"] == 3
+    assert rows["/figures/energy/kinetic"] == 6
+    assert (tmp_path / "b.rrd").stat().st_size < 1.5e6
+
+
+def test_the_film_is_a_video_with_a_frame_at_each_picture_s_time(tmp_path):
+    pytest.importorskip("av")
+    recording = Recording(tmp_path / "film.rrd", "test")
+    film = [Picture(time=0.1 * i, pixels=np.full((48, 64, 3), 30 * i, np.uint8)) for i in range(5)]
+    assert log_film(recording.stream, film, 10.0) == []
+    recording.close()
+    assert entities_of(tmp_path / "film.rrd")["/film"] == 5 + 1
+
+
+def test_splats_are_thinned_before_frames():
+    drawn = Drawn.within(900_000, 500_000, 100, 400_000_000)
+    assert len(drawn.splats) == 300_000
+    assert len(drawn.particles) == 100_000
+    assert 40 < len(drawn.frames) < 60
+    assert drawn.frames[0] == 0
+    assert drawn.frames[-1] == 99

@@ -95,6 +95,12 @@ def test_the_film_begins_as_the_site_looks_and_the_mass_moves(place):
     assert np.abs(frames[-1] - frames[0]).mean() > 2
 
 
+def test_pictures_lie_beside_the_film(place):
+    for name in ("contact_sheet.png", "before_after.png"):
+        with Image.open(place / "demo-mpm_warp" / name) as picture:
+            assert np.asarray(picture.convert("RGB")).std() > 20
+
+
 def test_the_recording_is_sound_and_holds_every_product(place):
     recording = place / "demo-mpm_warp" / "recording.rrd"
     verified = subprocess.run([sys.executable, "-m", "rerun", "rrd", "verify", str(recording)], capture_output=True)
@@ -106,8 +112,8 @@ def test_the_recording_is_sound_and_holds_every_product(place):
     entities = set(schema.entity_paths())
     assert entities >= {
         "/survey/points", "/reconstruction/splats", "/volume/surface", "/volume/inferred", "/motion/splats",
-        "/motion/particles", "/film", "/figures/energy/kinetic", "/figures/travel/run_out", "/report/result",
-        "/report/config",
+        "/motion/particles", "/film", "/map/thickness", "/figures/energy/kinetic", "/figures/travel/front",
+        "/figures/mass/moving", "/figures/volume/outside", "/report/result", "/report/config",
     }  # fmt: skip
     assert sum(entity.startswith("/survey/cameras/") for entity in entities) == 32
     assert reader.blueprints()

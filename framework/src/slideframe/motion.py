@@ -82,7 +82,9 @@ def main_direction(frame: ParticleFrame, filling: Filling) -> Float64Array:
 def _outside_source(frame: ParticleFrame, filling: Filling) -> npt.NDArray[np.bool_]:
     """Tell of each particle whether its column of ground held no soil at t = 0."""
     start = filling.particle_positions[:, :2].astype(np.float64)
-    low, cell = start.min(axis=0), SOURCE_CELL * np.cbrt(float(filling.particle_volumes.max()))
+    edge = np.cbrt(float(filling.particle_volumes.max()))
+    # particles are the middles of their cubes
+    low, cell = start.min(axis=0) - edge / 2, SOURCE_CELL * edge
     then, now = (np.floor((places - low) / cell).astype(np.int64) for places in (start, frame.positions[:, :2]))
     outside: npt.NDArray[np.bool_] = ((now < 0) | (now > then.max(axis=0))).any(axis=1)
     rows = int(then[:, 1].max()) + 1

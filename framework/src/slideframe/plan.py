@@ -28,11 +28,16 @@ class PlanGrid:
     shape: tuple[int, int]
 
     @classmethod
-    def covering(cls, clouds: Iterable[Float32Array], cell: float) -> "PlanGrid":
-        """Return the grid that covers the clouds' points (n, 3), but for outliers, with a column to spare."""
-        ends = [np.quantile(cloud[:, :2], [OUTLIERS, 1 - OUTLIERS], axis=0) for cloud in clouds]
-        low = np.floor(np.min([low for low, _ in ends], axis=0) / cell - 1) * cell
-        high = np.ceil(np.max([high for _, high in ends], axis=0) / cell + 1) * cell
+    def covering(
+        cls, clouds: Iterable[Float32Array], cell: float, corner: Float64Array | tuple[float, float] = (0.0, 0.0)
+    ) -> "PlanGrid":
+        """Return the grid that covers the clouds' points (n, 3), but for outliers, with a column to spare.
+
+        `corner` (2,), m, is where corners of columns meet.
+        """
+        ends = [np.quantile(cloud[:, :2], [OUTLIERS, 1 - OUTLIERS], axis=0) - corner for cloud in clouds]
+        low = np.floor(np.min([low for low, _ in ends], axis=0) / cell - 1) * cell + corner
+        high = np.ceil(np.max([high for _, high in ends], axis=0) / cell + 1) * cell + corner
         columns, rows = np.rint((high - low) / cell).astype(int)
         return cls(float(low[0]), float(high[1]), cell, (int(rows), int(columns)))
 

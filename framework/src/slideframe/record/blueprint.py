@@ -49,7 +49,7 @@ def _motion(moving: rrb.Spatial3DView) -> rrb.Horizontal:
         rrb.TimeSeriesView(origin=f"/figures/{name}", name=title)
         for name, title in (
             ("energy", "Energy, J"),
-            ("mass", "Mass, kg"),
+            ("mass", "Mass in motion, kg"),
             ("travel", "Way, m"),
             ("volume", "Volume outside the source, m³"),
         )
@@ -59,7 +59,7 @@ def _motion(moving: rrb.Spatial3DView) -> rrb.Horizontal:
         rrb.Vertical(
             rrb.Horizontal(
                 rrb.Spatial2DView(origin="/film", name="Film"),
-                rrb.Spatial2DView(origin="/map/thickness", name="Thickness of the moved soil"),
+                rrb.Spatial2DView(origin="/map/thickness", name="Thickness of the soil"),
                 column_shares=[3, 2],
             ),
             rrb.Grid(*plots, grid_columns=2),

@@ -21,7 +21,7 @@ FRAMES_PER_SHAPE = 4
 # bytes of a splat's centre and colour; of its scales and quaternion; of a particle
 PLACE_BYTES, SHAPE_BYTES, PARTICLE_BYTES = 16, 28, 16
 # columns of the map, in edges of a particle's cube: fewer particles make the thickness jump
-MAP_CELL = 3.0
+MAP_CELL = 2.0
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,10 @@ def log_motion(
     last, start = motion[-1], filling.particle_positions
     direction = main_direction(last, filling)
     reach = max(float(_distance(last.positions, start).max()), 1e-6)
-    grid = PlanGrid.covering((start, last.positions), MAP_CELL * spacing_of(filling))
+    spacing = spacing_of(filling)
+    # whole particles of a lattice fall into each column
+    corner = start[:, :2].min(axis=0).astype(np.float64) - spacing / 2
+    grid = PlanGrid.covering((start, last.positions), MAP_CELL * spacing, corner)
     thickest = float(grid.thickness(start, filling.particle_volumes).max(initial=0))
     places = {int(frame): order for order, frame in enumerate(drawn.frames)}
     stream.log("motion/splats", rr.GaussianSplats3D.from_fields(spherical_harmonics_degree=0), static=True)
@@ -72,7 +75,7 @@ def log_motion(
             _log_splats(stream, coupling, frame, drawn.splats, places[index] % FRAMES_PER_SHAPE == 0)
             positions = frame.positions[drawn.particles]
             colors = heat(_distance(positions, start[drawn.particles]) / reach)
-            stream.log("motion/particles", rr.Points3D(positions, colors=colors, radii=0.5 * spacing_of(filling)))
+            stream.log("motion/particles", rr.Points3D(positions, colors=colors, radii=0.5 * spacing))
             picture = io.BytesIO()
             thickness = grid.thickness(frame.positions, filling.particle_volumes)
             draw_thickness(thickness, thickest, grid.cell).save(picture, "PNG")
