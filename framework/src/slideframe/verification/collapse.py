@@ -76,7 +76,7 @@ def column(rig: Rig, aspect_ratio: float, friction_angle: float) -> Motion:
             poisson_ratio=0.3,
         ),
         boundary=Boundary(floor=Wall(kind="stick")),
-        simulation=Simulation(duration=duration, frame_rate=20 / duration, grid_spacing=spacing),
+        simulation=Simulation(duration=duration, frame_rate=20 / duration, grid_spacing=spacing, record_stress=True),
     )
     length = math.ceil(WIDTH * (1.5 + 2.5 * aspect_ratio) / spacing) * spacing
     return rig.run(slice_of((0, 0), (WIDTH, height), spacing, length), problem)

@@ -8,6 +8,7 @@ from slideframe.verification import (
     conservation,
     contact,
     elastic,
+    elements,
     invariance,
     slopes,
     vibration,
@@ -17,6 +18,7 @@ from slideframe.verification.case import Case
 CASES: tuple[Case, ...] = (
     *elastic.CASES,
     *vibration.CASES,
+    *elements.CASES,
     *conservation.CASES,
     *contact.CASES,
     *invariance.CASES,
