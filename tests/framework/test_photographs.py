@@ -80,6 +80,24 @@ def test_mask_marks_what_the_lens_did_not_see(tmp_path):
     assert mask[42, 63]
 
 
+@pytest.mark.parametrize("distortion", [(0.0,) * 5, DISTORTION], ids=["pinhole", "lens"])
+def test_a_mask_is_undistorted_with_its_photograph(tmp_path, distortion):
+    """A photograph that is white where its mask is: the two stay together but for the edge's interpolation."""
+    drawn = np.zeros((90, 120), np.uint8)
+    drawn[20:60, 30:100] = 255
+    Image.fromarray(np.repeat(drawn[..., None], 3, axis=2)).save(tmp_path / "photo.png")
+    Image.fromarray(drawn).save(tmp_path / "mask.png")
+    one = survey(tmp_path / "photo.png", camera(distortion))
+    photograph = one.photographs[0].model_copy(update={"mask": tmp_path / "mask.png"})
+    masked = one.model_copy(update={"photographs": (photograph, *one.photographs[1:])})
+    pixels, _, used = load_photograph(masked, 0)
+    assert np.abs(pixels[..., 0].astype(int) - 255 * used)[1:-1, 1:-1].mean() < 3
+    assert 0.2 < used.mean() < 0.5
+    _, _, small = load_photograph(masked, 0, width=60)
+    assert small.shape == (45, 60)
+    assert small.mean() == pytest.approx(used.mean(), abs=0.02)
+
+
 def test_reduces_by_area_with_its_camera(tmp_path):
     pixels = np.random.default_rng(0).integers(0, 256, (90, 120, 3), dtype=np.uint8)
     Image.fromarray(pixels).save(tmp_path / "photo.png")

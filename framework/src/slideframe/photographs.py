@@ -8,13 +8,12 @@ from PIL import Image
 
 from slideframe.arrays import Float32Array, Float64Array, UInt8Array
 from slideframe.errors import InputError
+from slideframe.masks import Mask, read_mask
 from slideframe.products import Camera, Survey
-
-Mask = npt.NDArray[np.bool_]
 
 
 def load_photograph(survey: Survey, index: int, *, width: int | None = None) -> tuple[UInt8Array, Camera, Mask | None]:
-    """Return photograph `index` undistorted, its pinhole camera, and which pixels the lens saw.
+    """Return photograph `index` undistorted, its pinhole camera, and which pixels the lens saw and its mask leaves.
 
     A wider photograph is first reduced to `width` px by averaging areas. The pinhole keeps the (scaled)
     focal lengths and principal point, so a point in front of the camera has the same place in both
@@ -22,21 +21,27 @@ def load_photograph(survey: Survey, index: int, *, width: int | None = None) -> 
 
     Returns:
         pixels (height, width, 3), the camera without distortion, and the mask (height, width), true
-        where the photograph has a pixel, or None where it has all.
+        where the photograph has a pixel that its mask doesn't leave out, or None where all are so.
 
     Raises:
         InputError: the file is missing, damaged, or not of the camera's size.
     """
     camera = survey.camera_of(index)
-    image = _read(survey.photographs[index].path, camera)
+    photograph = survey.photographs[index]
+    image = _read(photograph.path, camera)
     if width is not None and width < camera.width:
         camera = reduce_camera(camera, width)
         image = image.resize((camera.width, camera.height), Image.Resampling.BOX)
     pixels = np.asarray(image)
+    used = read_mask(photograph.mask, camera.width, camera.height) if photograph.mask else None
     if not any(camera.distortion):
-        return pixels, camera, None
+        return pixels, camera, used
     columns, rows = distorted_positions(camera)
     seen = (columns >= -0.5) & (columns <= camera.width - 0.5) & (rows >= -0.5) & (rows <= camera.height - 0.5)
+    if used is not None:
+        seen &= used[
+            rows.round().astype(int).clip(0, camera.height - 1), columns.round().astype(int).clip(0, camera.width - 1)
+        ]
     pinhole = camera.model_copy(update={"distortion": (0.0, 0.0, 0.0, 0.0, 0.0)})
     return _sample(pixels, columns, rows), pinhole, None if seen.all() else seen
 

@@ -52,6 +52,8 @@ class Photograph(_Record):
     stated_position: Triple | None = Field(default=None, description="the camera's place as its metadata has it, m")
     sharpness: float | None = Field(default=None, description="fine over coarse detail, see slideframe.quality")
     fault: PictureFault | None = Field(default=None, description="why its pixels are of little use")
+    mask: Path | None = Field(default=None, description="picture that is black where pixels are not to be used")
+    mask_sha256: str = ""
 
     @property
     def name(self) -> str:

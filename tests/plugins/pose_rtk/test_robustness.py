@@ -17,7 +17,7 @@ from slideframe.quality.appraisal import appraise
 from slideframe.quality.pictures import PictureQuality
 from slideframe.stages import Context
 from slideframe_pose_rtk import correspondences
-from slideframe_pose_rtk.features import Features
+from slideframe_pose_rtk.features import Features, PictureFile
 from slideframe_pose_rtk.orientation import angle_between, world_from_camera
 from slideframe_pose_rtk.pairs import Pair
 from slideframe_pose_rtk.source import RtkPoses
@@ -116,9 +116,9 @@ class KnownSurvey:
     def _true_poses(self, survey: Survey) -> np.ndarray:
         return self.truth[[int(photograph.path.stem) for photograph in survey.photographs]]
 
-    def _features(self, paths: Sequence[Path], *_: object) -> list[Features]:
+    def _features(self, pictures: Sequence[PictureFile], *_: object) -> list[Features]:
         found = []
-        for path in paths:
+        for path in (picture.path for picture in pictures):
             pixels = np.array(list(self.sightings[int(path.stem)].values()))
             keypoints = np.column_stack([pixels, np.ones(len(pixels)), np.zeros(len(pixels))]).astype(np.float32)
             quality = PictureQuality(sharpness=0.8, contrast=40.0)

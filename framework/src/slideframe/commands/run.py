@@ -104,8 +104,9 @@ def read_config(options: RunOptions) -> RunConfig:
 
 
 def absolute_site(site: Site) -> Site:
-    """Return the site with its folder from the root, so that the resolved config means the same anywhere."""
-    return Site(photographs=site.photographs.absolute())
+    """Return the site with its folders from the root, so that the resolved config means the same anywhere."""
+    masks = site.masks and site.masks.absolute()
+    return site.model_copy(update={"photographs": site.photographs.absolute(), "masks": masks})
 
 
 def _parse_tuning(config: RunConfig, arguments: Sequence[str]) -> tuple[RunOptions, RunConfig]:

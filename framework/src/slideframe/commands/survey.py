@@ -121,6 +121,16 @@ def _pose_source(config: SurveyConfig) -> tuple[PoseSource, catalogue.Listing]:
     return cast(PoseSource, stage), catalogue.find(name)
 
 
+def _resolved(config: SurveyConfig) -> dict[str, Any]:
+    """Return the config as TOML content that means the same anywhere."""
+    content = config.model_dump(mode="json", exclude_none=True)
+    stage, _ = _pose_source(config)
+    for name, value in stage:
+        if isinstance(value, Path):
+            content["plugins"][stage.name][name] = str(value.absolute())
+    return content
+
+
 def _deliver(out: Path, name: str, config: SurveyConfig, keyed: Keyed[Survey], computed: bool) -> list[str]:
     """Write report, cameras, recording and figures, and return the lines to print."""
     import tomli_w
@@ -136,7 +146,7 @@ def _deliver(out: Path, name: str, config: SurveyConfig, keyed: Keyed[Survey], c
     write_report(out, name, keyed, appraisal, maps)
     left_out = write_cameras(keyed.value, out)
     figures = {"pose_source": survey_result(keyed, appraisal, computed)}
-    toml = tomli_w.dumps(config.model_dump(mode="json", exclude_none=True))
+    toml = tomli_w.dumps(_resolved(config))
     with storing(out):
         (out / CONFIG).write_text(toml, encoding="utf-8")
         recording = record.Recording(out / RECORDING, out.name, active_tab=SURVEY_TAB)

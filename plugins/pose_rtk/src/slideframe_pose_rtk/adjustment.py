@@ -1,15 +1,15 @@
 """From poses to sparse points and better poses: triangulation and bundle adjustment, in rounds of rising strictness."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slideframe.arrays import Float64Array
 from slideframe_pose_rtk.database import image_and_frame, rig_of
-from slideframe_pose_rtk.flight import Flight
+from slideframe_pose_rtk.flight import Flight, Poses
 from slideframe_pose_rtk.freedom import Freedom
+from slideframe_pose_rtk.trust import Trust
 
 if TYPE_CHECKING:
     import pycolmap
@@ -27,8 +27,6 @@ ITERATIONS = 50
 # Relative change of cost at which an iteration is the last one; earlier rounds only have to end closer than they began.
 FUNCTION_TOLERANCE = 1e-6
 EARLY_FUNCTION_TOLERANCE = 1e-4
-
-Poses = dict[int, Float64Array]
 
 
 def triangulate(
@@ -67,10 +65,12 @@ def adjust(
     accepted: float,
     seed: int,
     fixed_points: Sequence[int] = (),
+    *,
+    robust: bool,
 ) -> None:
     """Improve poses, points and what is free of the cameras, holding centres to their priors.
 
-    Centres far from their prior pull less and less, so that false positions don't bend the survey.
+    Where `robust`, centres far from their prior pull less and less, so that false positions don't bend the survey.
     """
     import pycolmap
 
@@ -88,7 +88,8 @@ def adjust(
     )
     prior_options = pycolmap.PosePriorBundleAdjustmentOptions()
     prior_options.alignment_ransac.random_seed = seed
-    prior_options.ceres.prior_position_loss_function_type = pycolmap.LossFunctionType.CAUCHY
+    if robust:
+        prior_options.ceres.prior_position_loss_function_type = pycolmap.LossFunctionType.CAUCHY
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in reconstruction.reg_image_ids():
         config.add_image(image_id)
@@ -124,9 +125,7 @@ def accepted_pixels(flight: Flight) -> list[float]:
     return [focal_length * float(np.tan(np.radians(angle))) for angle in ACCEPTED_ANGLES] + [ACCEPTED_PIXELS]
 
 
-def priors_of(
-    reconstruction: "pycolmap.Reconstruction", flight: Flight, sigma_scale: float, distrusted: Collection[int]
-) -> "list[pycolmap.PosePrior]":
+def priors_of(reconstruction: "pycolmap.Reconstruction", flight: Flight, trust: Trust) -> "list[pycolmap.PosePrior]":
     """Return the trusted positions with their covariance, east, north, up.
 
     Gravity stays undefined: COLMAP would read it from EXIF's orientation, which is wrong for a nadir view.
@@ -135,12 +134,12 @@ def priors_of(
 
     priors = []
     for image_id in sorted(reconstruction.reg_image_ids()):
-        if image_id - 1 in distrusted:
+        if image_id - 1 in trust.distrusted:
             continue
         prior = pycolmap.PosePrior()
         prior.corr_data_id = reconstruction.image(image_id).data_id
         prior.position = flight.positions[image_id - 1]
-        prior.position_covariance = sigma_scale**2 * flight.records[image_id - 1].position_covariance
+        prior.position_covariance = trust.sigma_scale**2 * flight.records[image_id - 1].position_covariance
         prior.coordinate_system = pycolmap.PosePriorCoordinateSystem.CARTESIAN
         priors.append(prior)
     return priors

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from slideframe.errors import InputError
 from slideframe.stages import Context
-from slideframe_pose_rtk.adjustment import Poses, triangulate
+from slideframe_pose_rtk.adjustment import triangulate
 from slideframe_pose_rtk.control import Target
 from slideframe_pose_rtk.database import write_database
-from slideframe_pose_rtk.features import FeatureOptions, Features, find_features
-from slideframe_pose_rtk.flight import Flight
+from slideframe_pose_rtk.features import FeatureOptions, Features, PictureFile, find_features
+from slideframe_pose_rtk.flight import Flight, Poses
 from slideframe_pose_rtk.freedom import Freedom, lenses_of
 from slideframe_pose_rtk.headings import heading_offsets, turn_headings, warn_of_headings
 from slideframe_pose_rtk.matching import Matches, match_photographs
@@ -78,7 +78,7 @@ class Correspondences:
 
 def correspond(
     flight: Flight,
-    digests: list[str],
+    pictures: list[PictureFile],
     freedom: Freedom,
     targets: tuple[Target, ...],
     options: FeatureOptions,
@@ -92,10 +92,9 @@ def correspond(
         InputError: no two photographs show the same ground.
     """
     shelf = context.cache or context.scratch
-    paths = [record.path for record in flight.records]
     lenses, sessions = lenses_of(flight, freedom), sessions_of(flight.records)
     lens_of = [lenses[camera] for camera in flight.camera_of]
-    features = find_features(paths, digests, options, shelf / "features", portion(context, 0.0, 0.4))
+    features = find_features(pictures, options, shelf / "features", portion(context, 0.0, 0.4))
 
     def matched(known: Flight, start: float, end: float) -> Matches:
         pairs = choose_pairs(known, partners)

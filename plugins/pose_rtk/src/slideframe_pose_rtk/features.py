@@ -2,6 +2,7 @@
 
 import os
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -13,6 +14,7 @@ from PIL import Image
 
 from slideframe.arrays import Float32Array, UInt8Array
 from slideframe.errors import InputError
+from slideframe.masks import read_mask
 from slideframe.quality.pictures import PictureQuality, inspect_picture
 from slideframe.stages import Context
 from slideframe.store import digest, storing
@@ -47,25 +49,36 @@ class FeatureOptions:
     feature_limit: int
     size_limit: int
 
-    def key_of(self, sha256: str) -> str:
-        """Return the key of the features of a file with that digest."""
-        return digest(["features", FORMAT, version("pycolmap"), self.feature_limit, self.size_limit, sha256])
+    def key_of(self, picture: "PictureFile") -> str:
+        """Return the key of a picture's features."""
+        options = [self.feature_limit, self.size_limit]
+        return digest(["features", FORMAT, version("pycolmap"), options, picture.sha256, picture.mask_sha256])
+
+
+@dataclass(frozen=True)
+class PictureFile:
+    """A photograph and its mask, with the digests of their bytes."""
+
+    path: Path
+    sha256: str
+    mask: Path | None = None
+    mask_sha256: str = ""
 
 
 def find_features(
-    paths: list[Path], digests: list[str], options: FeatureOptions, shelf: Path, context: Context
+    pictures: Sequence[PictureFile], options: FeatureOptions, shelf: Path, context: Context
 ) -> list[Features]:
     """Return the features of every photograph, from the shelf where they lie there; none where it can't be decoded."""
     extractor = None
     found = []
-    for index, (path, sha256) in enumerate(zip(paths, digests, strict=True)):
-        context.progress(index, len(paths))
-        key = options.key_of(sha256)
+    for index, picture in enumerate(pictures):
+        context.progress(index, len(pictures))
+        path, key = picture.path, options.key_of(picture)
         known = read_array_file(shelf / f"{key}.npz")
         if known is None:
             extractor = extractor or _extractor(options)
             try:
-                known = _extract(extractor, path, options)
+                known = _extract(extractor, picture, options)
             except InputError as error:
                 context.warn(f"{path.name}: {error.what}")
                 found.append(Features(key, np.empty((0, 4), np.float32), np.empty((0, 128), np.uint8), None))
@@ -120,16 +133,17 @@ def _extractor(options: FeatureOptions) -> "pycolmap.FeatureExtractor":
 
 
 def _extract(
-    extractor: "pycolmap.FeatureExtractor", path: Path, options: FeatureOptions
+    extractor: "pycolmap.FeatureExtractor", file: PictureFile, options: FeatureOptions
 ) -> dict[str, npt.NDArray[np.generic]]:
-    """Return keypoints, descriptors and the picture's sharpness and contrast.
+    """Return keypoints and descriptors where the mask leaves them, and the picture's sharpness and contrast.
 
     Raises:
-        InputError: the pixels can't be decoded.
+        InputError: the pixels or the mask can't be decoded.
     """
     import pycolmap
 
-    picture = _gray(path)
+    picture = _gray(file.path)
+    used = read_mask(file.mask, *picture.size) if file.mask else None
     quality = inspect_picture(picture)
     full = np.array(picture.size, np.float64)
     picture.thumbnail((options.size_limit, options.size_limit), Image.Resampling.LANCZOS)
@@ -138,9 +152,10 @@ def _extract(
     matrix = np.array(pycolmap.keypoints_to_matrix(keypoints), np.float32)
     matrix[:, :2] *= scale
     matrix[:, 2] *= scale[0]
+    kept = slice(None) if used is None else used[matrix[:, 1].astype(int), matrix[:, 0].astype(int)]
     return {
-        "keypoints": matrix,
-        "descriptors": np.array(descriptors.data, np.uint8),
+        "keypoints": matrix[kept],
+        "descriptors": np.array(descriptors.data, np.uint8)[kept],
         "quality": np.array([quality.sharpness, quality.contrast]),
     }
 

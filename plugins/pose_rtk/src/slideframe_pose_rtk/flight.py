@@ -8,13 +8,18 @@ import numpy as np
 
 from slideframe.arrays import Float64Array
 from slideframe.errors import InputError
+from slideframe.masks import find_masks, mask_files
 from slideframe.products import Camera, Georeference
 from slideframe.stages import Context
+from slideframe.store import digest_file
+from slideframe_pose_rtk.features import PictureFile
 from slideframe_pose_rtk.geodesy import LocalFrame, mean_origin
 from slideframe_pose_rtk.intake import names
 from slideframe_pose_rtk.intrinsics import Calibration, camera_of
 from slideframe_pose_rtk.metadata import PhotoRecord
 from slideframe_pose_rtk.orientation import world_from_camera
+
+Poses = dict[int, Float64Array]  # world from camera (3, 4) by photograph
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +85,20 @@ def plan_flight(records: Sequence[PhotoRecord], folder: Path, origin: Georeferen
     )
     _warn_of_gaps(flight, context)
     return flight
+
+
+def picture_files(flight: Flight, digests: Sequence[str], masks: Path | None) -> list[PictureFile]:
+    """Return the photographs' files with their digests and the masks of that folder.
+
+    Raises:
+        InputError: the folder has no masks for them.
+    """
+    paths = [record.path for record in flight.records]
+    found = find_masks(paths, mask_files(masks)) if masks else {}
+    return [
+        PictureFile(path, sha256, found.get(path), digest_file(found[path]) if path in found else "")
+        for path, sha256 in zip(paths, digests, strict=True)
+    ]
 
 
 def _distinct_cameras(

@@ -9,6 +9,7 @@ from slideframe.arrays import Float64Array
 from slideframe.products import LeftOut, Photograph, Survey
 from slideframe.quality.pictures import PictureQuality
 from slideframe.stages import Context
+from slideframe_pose_rtk.features import PictureFile
 from slideframe_pose_rtk.flight import Flight
 from slideframe_pose_rtk.orientation import about_up, angle_between, mean_rotation, yaw_bias
 from slideframe_pose_rtk.solution import Solution
@@ -20,7 +21,7 @@ def survey_of(
     flight: Flight,
     solution: Solution,
     files: Sequence[Path],
-    digests: Sequence[str],
+    pictures: Sequence[PictureFile],
     qualities: Sequence[PictureQuality | None],
 ) -> Survey:
     """Return the registered photographs in file order, the cameras they use, and the accepted points.
@@ -34,7 +35,7 @@ def survey_of(
         georeference=flight.georeference,
         cameras=tuple(solution.cameras[camera] for camera in used),
         photographs=tuple(
-            _photograph(flight, index, used.index(solution.camera_of[index]), digests[index], qualities[index])
+            _photograph(flight, index, used.index(solution.camera_of[index]), pictures[index], qualities[index])
             for index in registered
         ),
         world_from_camera=np.array([solution.poses[index] for index in registered]),
@@ -47,16 +48,19 @@ def survey_of(
     )
 
 
-def _photograph(flight: Flight, index: int, camera: int, sha256: str, quality: PictureQuality | None) -> Photograph:
-    record = flight.records[index]
+def _photograph(
+    flight: Flight, index: int, camera: int, picture: PictureFile, quality: PictureQuality | None
+) -> Photograph:
     return Photograph(
-        path=record.path,
+        path=picture.path,
         camera=camera,
-        sha256=sha256,
-        fix=record.fix,
+        sha256=picture.sha256,
+        fix=flight.records[index].fix,
         stated_position=_triple(flight.positions[index]),
         sharpness=quality.sharpness if quality else None,
         fault=quality.fault if quality else None,
+        mask=picture.mask,
+        mask_sha256=picture.mask_sha256,
     )
 
 

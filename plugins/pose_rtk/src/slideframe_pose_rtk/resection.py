@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slideframe.arrays import Float64Array
-from slideframe_pose_rtk.adjustment import LEAST_OBSERVATIONS, Poses
+from slideframe_pose_rtk.adjustment import LEAST_OBSERVATIONS
 from slideframe_pose_rtk.features import Features
-from slideframe_pose_rtk.flight import Flight
+from slideframe_pose_rtk.flight import Flight, Poses
 from slideframe_pose_rtk.matching import Matches
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ import numpy as np
 from slideframe.arrays import Float64Array
 from slideframe.photographs import distort
 from slideframe.products import Camera, GroundPoint
-from slideframe_pose_rtk.adjustment import Poses
 from slideframe_pose_rtk.control import Target
 from slideframe_pose_rtk.features import Features
+from slideframe_pose_rtk.flight import Poses
 
 if TYPE_CHECKING:
     import pycolmap

@@ -9,7 +9,6 @@ from slideframe.products import Camera, GroundPoint
 from slideframe.stages import Context
 from slideframe_pose_rtk.adjustment import (
     ACCEPTED_ANGLES,
-    Poses,
     accepted_pixels,
     adjust,
     metadata_poses,
@@ -17,8 +16,8 @@ from slideframe_pose_rtk.adjustment import (
     priors_of,
 )
 from slideframe_pose_rtk.correspondences import Correspondences
-from slideframe_pose_rtk.flight import Flight
-from slideframe_pose_rtk.freedom import HELD
+from slideframe_pose_rtk.flight import Flight, Poses
+from slideframe_pose_rtk.freedom import HELD, Freedom
 from slideframe_pose_rtk.intake import names, require_enough
 from slideframe_pose_rtk.lens import camera_from_lens
 from slideframe_pose_rtk.resection import resect
@@ -29,6 +28,10 @@ from slideframe_pose_rtk.trust import Trust, warn_of_positions, weigh
 
 if TYPE_CHECKING:
     import pycolmap
+
+
+WEIGHINGS = 4
+SETTLED = 1.1  # factor by which sigmas may still grow
 
 
 @dataclass(frozen=True)
@@ -105,13 +108,10 @@ def solve_by_refinement(found: Correspondences) -> Solution:
         reconstruction = found.triangulate(lenses, poses, accepted)
         require_enough(len(poses_of(reconstruction)), "that share enough detail with others", flight.folder)
         fixed = add_control(reconstruction, found.targets, found.target_rows) if number else []
-        _adjust(found, reconstruction, trust, accepted, fixed, first=number == 0)
+        _adjust(found, reconstruction, HELD if number == 0 else found.freedom, accepted, fixed)
+        if number == len(rounds) - 1:
+            trust = _settle(found, reconstruction, accepted, fixed)
         poses = poses_of(reconstruction)
-        if number:
-            trust = weigh(flight, poses)
-        if number == len(rounds) - 1 and trust != Trust():
-            _adjust(found, reconstruction, trust, accepted, fixed)
-            poses = poses_of(reconstruction)
         for control in fixed:
             reconstruction.delete_point3D(control)
         lenses = [adjusted_lens(reconstruction, lens) for lens in lenses]
@@ -136,17 +136,34 @@ def solve_by_refinement(found: Correspondences) -> Solution:
     )
 
 
+def _settle(
+    found: Correspondences, reconstruction: "pycolmap.Reconstruction", accepted: float, fixed: list[int]
+) -> Trust:
+    """Adjust without the false positions, and with larger sigmas for as long as the stated ones prove too small.
+
+    Sigmas are judged by an adjustment that holds to them: a looser one would drift off and confirm itself.
+    """
+    trust = Trust(distrusted=weigh(found.flight, poses_of(reconstruction)).distrusted)
+    for _ in range(WEIGHINGS):
+        _adjust(found, reconstruction, found.freedom, accepted, fixed, trust)
+        weighed = weigh(found.flight, poses_of(reconstruction))
+        if weighed.distrusted == trust.distrusted and weighed.sigma_scale <= SETTLED * trust.sigma_scale:
+            return trust
+        trust = Trust(max(weighed.sigma_scale, trust.sigma_scale), weighed.distrusted)
+    return trust
+
+
 def _adjust(
     found: Correspondences,
     reconstruction: "pycolmap.Reconstruction",
-    trust: Trust,
+    freedom: Freedom,
     accepted: float,
     fixed: list[int],
-    *,
-    first: bool = False,
+    trust: Trust | None = None,
 ) -> None:
-    priors = priors_of(reconstruction, found.flight, trust.sigma_scale, trust.distrusted)
-    adjust(reconstruction, priors, HELD if first else found.freedom, accepted, found.context.seed, fixed)
+    """Adjust with all positions, wary of false ones, or with those that are trusted."""
+    priors = priors_of(reconstruction, found.flight, trust or Trust())
+    adjust(reconstruction, priors, freedom, accepted, found.context.seed, fixed, robust=trust is None)
 
 
 def warn_of_unregistered(flight: Flight, solution: Solution, context: Context) -> None:

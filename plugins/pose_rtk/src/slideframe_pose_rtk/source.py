@@ -14,6 +14,7 @@ from slideframe.stages import Context, PoseSource
 if TYPE_CHECKING:
     from slideframe.quality.pictures import PictureQuality
     from slideframe_pose_rtk.control import ControlFile, Target
+    from slideframe_pose_rtk.features import PictureFile
     from slideframe_pose_rtk.flight import Flight
     from slideframe_pose_rtk.intake import Sources
     from slideframe_pose_rtk.solution import Solution
@@ -82,50 +83,53 @@ class RtkPoses(PoseSource):
     def input_files(self, site: Site) -> Sequence[Path]:
         """Return the JPEG files under the site's folder, and what else the cameras are taken from."""
         from slideframe.formats.models import posed_model_files
-        from slideframe_pose_rtk.intake import photograph_files
+        from slideframe.masks import mask_files
 
-        photographs = photograph_files(site.photographs)
+        photographs = _photographs(site)
         model = posed_model_files(self.model) if self.model else ()
         control = [self.control] if self.control else []
-        return [*photographs, *self._sources().paths(photographs), *model, *control]
+        masks = mask_files(site.masks) if site.masks else []
+        return [*photographs, *self._sources().paths(photographs), *model, *control, *masks]
 
     def preflight(self, problem: ProblemModel, device: Device) -> None:
-        """Require a folder with at least three photographs that tell where they were taken."""
-        from slideframe_pose_rtk.intake import photograph_files, require_some_located
+        """Require a folder with at least three photographs that tell where they were taken, and whole files beside."""
+        from slideframe.formats.models import read_posed_model
+        from slideframe.masks import find_masks, mask_files
+        from slideframe_pose_rtk.control import require_readable
+        from slideframe_pose_rtk.intake import require_some_located
 
         assert isinstance(problem, Site)
-        require_some_located(photograph_files(problem.photographs), problem.photographs, self._sources())
+        photographs = _photographs(problem)
+        require_some_located(photographs, problem.photographs, self._sources())
         if self.model:
-            from slideframe.formats.models import read_posed_model
-
             read_posed_model(self.model)
+        if problem.masks:
+            find_masks(photographs, mask_files(problem.masks))
         if control := self._control_file():
-            from slideframe_pose_rtk.control import require_readable
-
             require_readable(control)
 
     def locate(self, site: Site, context: Context) -> Survey:
         """Read the metadata, place the cameras in the local frame, and refine them."""
         from slideframe_pose_rtk import solution
         from slideframe_pose_rtk.control import read_targets
-        from slideframe_pose_rtk.flight import plan_flight, require_orientations
-        from slideframe_pose_rtk.intake import LEAST_PHOTOGRAPHS, admit, photograph_files, require_baseline
+        from slideframe_pose_rtk.flight import picture_files, plan_flight, require_orientations
+        from slideframe_pose_rtk.intake import LEAST_PHOTOGRAPHS, admit, require_baseline
         from slideframe_pose_rtk.report import report, survey_of
 
-        folder = site.photographs
-        files = photograph_files(folder)
+        folder, files = site.photographs, _photographs(site)
         records, digests = admit(files, folder, context, self._sources())
         flight = plan_flight(records, folder, self.origin, context)
         require_baseline(flight.positions, folder)
         require_orientations(flight, LEAST_PHOTOGRAPHS)
+        pictures = picture_files(flight, digests, site.masks)
         control = self._control_file()
         targets = read_targets(control, flight) if control else ()
         if self.model is None:
-            solved, qualities = self._solve(flight, digests, targets, context)
+            solved, qualities = self._solve(flight, pictures, targets, context)
         else:
             solved, qualities = self._take_over(self.model, flight, targets, context)
         solution.warn_of_unregistered(flight, solved, context)
-        survey = survey_of(flight, solved, files, digests, qualities)
+        survey = survey_of(flight, solved, files, pictures, qualities)
         report(flight, solved, survey, context)
         return survey
 
@@ -153,7 +157,7 @@ class RtkPoses(PoseSource):
         return ControlFile(self.control, self.control_epsg, geoid)
 
     def _solve(
-        self, flight: "Flight", digests: list[str], targets: "tuple[Target, ...]", context: Context
+        self, flight: "Flight", pictures: "list[PictureFile]", targets: "tuple[Target, ...]", context: Context
     ) -> "tuple[Solution, Qualities]":
         from slideframe_pose_rtk.correspondences import correspond
         from slideframe_pose_rtk.features import FeatureOptions
@@ -164,7 +168,7 @@ class RtkPoses(PoseSource):
         freedom = choose_freedom(flight, self.focal_length, control_count) if self.refine else HELD
         options = FeatureOptions(self.feature_limit, self.image_size_limit)
         with quiet_colmap():
-            found = correspond(flight, digests, freedom, targets, options, self.partners, self.refine, context)
+            found = correspond(flight, pictures, freedom, targets, options, self.partners, self.refine, context)
             solved = solve_by_refinement(found) if self.refine else solve_from_metadata(found)
         return solved, [features.quality for features in found.features]
 
@@ -177,3 +181,10 @@ class RtkPoses(PoseSource):
 
         solved = solve_from_model(flight, read_posed_model(model), targets, context)
         return solved, inspect_pictures([record.path for record in flight.records], context)
+
+
+def _photographs(site: Site) -> list[Path]:
+    """Return the JPEG files under the site's folder that aren't masks."""
+    from slideframe_pose_rtk.intake import photograph_files
+
+    return [path for path in photograph_files(site.photographs) if site.masks not in path.parents]
