@@ -106,5 +106,5 @@ def test_resolved_config_runs_the_same_again(tmp_path):
     config = validate(RunConfig, content() | {"plugins": {"mpm_warp": {"x": 1}}}, "case")
     write_toml(config, tmp_path / "run.toml")
     assert validate(RunConfig, read_toml(tmp_path / "run.toml"), "again").model_dump() == (
-        config.model_dump() | {"site": {"photographs": tmp_path / "photos"}}
+        config.model_dump() | {"site": {"photographs": tmp_path / "photos", "masks": None}}
     )
