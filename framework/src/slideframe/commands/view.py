@@ -21,6 +21,8 @@ class ViewOptions:
     """A run folder, or a .rrd file."""
     web: bool = False
     """Serve it to a browser instead."""
+    address: str = "127.0.0.1"
+    """Of `--web`: who may look at it; 0.0.0.0 lets any machine that reaches this one."""
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -29,5 +31,8 @@ def main(arguments: Sequence[str]) -> int:
     recording = options.run if options.run.suffix == ".rrd" else options.run / RECORDING
     if not recording.is_file():
         raise InputError("there is no recording", where=str(recording), cure="name the folder of a finished run")
-    serve = ["--serve-web"] if options.web else []
-    return subprocess.call([sys.executable, "-m", "rerun", str(recording), *serve])
+    serve = ["--serve-web", "--bind", options.address] if options.web else []
+    try:
+        return subprocess.call([sys.executable, "-m", "rerun", str(recording), *serve])
+    except KeyboardInterrupt:  # how one stops serving
+        return 0
