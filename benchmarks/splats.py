@@ -1,139 +1,279 @@
-"""How fast splats are drawn and differentiated on the CPU, after showing that both backends do it alike.
+"""How fast splats are drawn, differentiated and trained on the CPU, after showing that it is done right.
 
-    python benchmarks/splats.py [--splats N] [--repeats N]
+    python benchmarks/splats.py [--splats N] [--repeats N] [--only SECTION]
 
-`numba` is compiled; `torch` is the reference, which weighs every splat at every pixel. Its gradient keeps about 30
-bytes for each such pair, so gradients are compared with a twentieth of the splats. `torch` needs most of a minute, so
-it is timed once; `numba` is compiled before, and timed before and after it; the two medians are averaged.
+Sections: `agreement` with the float64 reference; `torch`, the same pictures and gradients by plain torch, tile by tile;
+`iteration`, a whole step of training and its shares, and a render, by number of threads; `growth` in pixels and in
+splats; `large`, a million splats at 1920 x 1440 with its peak memory; `assembly`, whether the kernels are vectors.
+Wall and CPU milliseconds are the least of the repeats: whatever else the machine does only adds to them.
 """
 
 import argparse
+import math
+import re
+import resource
+import subprocess
+import sys
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+from unittest.mock import patch
 
-import numpy as np
+import numba
 import torch
 from machine import print_machine
+from splat_scenes import POSE, Splats, camera_of, photograph, random_splats, training_state
+from torch_tiles import draw_by_tiles
 
 from slideframe.products import Camera
+from slideframe_gs_torch import compiled, compositing_kernels, image_loss, threads, training
+from slideframe_gs_torch.densification import Schedule, densify
+from slideframe_gs_torch.optimiser import Adam
 from slideframe_gs_torch.rasterize import rasterize
+from slideframe_gs_torch.reconstructor import TorchSplats
 
-NAMES = ("centers", "rotations", "scales", "opacities", "colours")
-POSE = np.column_stack([np.eye(3), np.zeros(3)])
 # The kernels' exponential is a polynomial in float32: 60 dB is a thousandth of full scale.
 LEAST_PSNR_DB = 60.0
-# Of the norm, tensor by tensor: float32 sums of some thousand terms on both sides.
-GRADIENT_TOLERANCE = 1e-3
-
-Splats = list[torch.Tensor]
-
-
-def random_splats(count: int, seed: int = 0) -> Splats:
-    """Return splats 2 to 8 m before the camera, all over its picture, some pixels wide, with float32 parameters."""
-    random = np.random.default_rng(seed)
-    depth = random.uniform(2, 8, count)
-    arrays = [
-        np.column_stack([random.uniform(-0.6, 0.6, count) * depth, random.uniform(-0.45, 0.45, count) * depth, depth]),
-        random.normal(size=(count, 4)),
-        np.exp(random.normal(-3.7, 0.5, (count, 3))),
-        random.uniform(0.05, 0.98, count),
-        random.uniform(0, 1, (count, 3)),
-    ]
-    return [torch.tensor(array, dtype=torch.float32) for array in arrays]
+# Of the norm, tensor by tensor: float32 sums of some thousand terms.
+GRADIENT_TOLERANCE = 1e-4
+# Splats in the reference's gradient, which keeps about 60 bytes for each pixel and splat.
+REFERENCE_SPLATS = 1000
+# Which share of an iteration a kernel belongs to.
+SHARES = {
+    "project": "projection and harmonics",
+    "paint": "projection and harmonics",
+    "project_backward": "projection and harmonics",
+    "paint_backward": "projection and harmonics",
+    "composite": "forward",
+    "composite_backward": "backward",
+}
 
 
-def camera_of(width: int, height: int) -> Camera:
-    return Camera(
-        width=width,
-        height=height,
-        focal_x=0.9 * width,
-        focal_y=0.9 * width,
-        principal_x=width / 2,
-        principal_y=height / 2,
-    )
+class Cost(NamedTuple):
+    """Wall and CPU milliseconds."""
 
-
-def forward(splats: Splats, camera: Camera, backend: str) -> torch.Tensor:
-    with torch.no_grad():
-        return rasterize(*splats, camera=camera, world_from_camera=POSE, backend=backend).colour
-
-
-def forward_and_backward(splats: Splats, camera: Camera, backend: str) -> Splats:
-    """Return the gradients of a sum of colours with random weights of either sign."""
-    leaves = [tensor.clone().requires_grad_() for tensor in splats]
-    colour = rasterize(*leaves, camera=camera, world_from_camera=POSE, backend=backend).colour
-    weights = torch.randn(colour.shape, generator=torch.Generator().manual_seed(7))
-    colour.backward(weights)
-    return [leaf.grad for leaf in leaves]
-
-
-def psnr(mine: torch.Tensor, theirs: torch.Tensor) -> float:
-    return float(-10 * torch.log10((mine - theirs).double().square().mean()))
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Wall and CPU milliseconds, medians, of work done some times, and what it gave."""
-
-    result: Any
     wall: float
     cpu: float
 
+    def __str__(self) -> str:
+        return f"{self.wall:9.1f} ms {self.cpu:9.1f} CPU-ms"
 
-def measure(work: Callable[..., Any], splats: Splats, camera: Camera, backend: str, repeats: int) -> Timing:
+
+def least_cost(work: Callable[[], Any], repeats: int) -> Cost:
+    """Do the work once to compile it, then some times."""
+    work()
     samples = []
     for _ in range(repeats):
         wall, cpu = time.perf_counter(), time.process_time()
-        result = work(splats, camera, backend)
-        samples.append((time.perf_counter() - wall, time.process_time() - cpu))
-    return Timing(result, *(1e3 * np.median(samples, axis=0)))
+        work()
+        samples.append((1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - cpu)))
+    return Cost(*(min(column) for column in zip(*samples, strict=True)))
 
 
-def check_picture(mine: torch.Tensor, theirs: torch.Tensor) -> None:
-    found = psnr(mine, theirs)
-    print(f"pictures agree to {found:.1f} dB PSNR")
-    if not found >= LEAST_PSNR_DB:
-        raise SystemExit(f"that is less than {LEAST_PSNR_DB:g} dB: times mean nothing")
+@contextmanager
+def thread_number(count: int) -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    with patch.object(threads, "thread_count", lambda: count):
+        yield
+    torch.set_num_threads(before)
 
 
-def check_gradients(mine: Splats, theirs: Splats) -> None:
-    errors = [float((one - other).norm() / other.norm()) for one, other in zip(mine, theirs, strict=True)]
-    worst = max(errors)
-    print(f"largest relative difference of a gradient {worst:.1e}, that of {NAMES[errors.index(worst)]}")
-    if not worst <= GRADIENT_TOLERANCE:
-        raise SystemExit(f"that is more than {GRADIENT_TOLERANCE:g}: times mean nothing")
+def draw(splats: Splats, camera: Camera, backend: str = "numba") -> torch.Tensor:
+    return rasterize(*splats, camera=camera, world_from_camera=POSE, backend=backend).colour
 
 
-def compare(work: Callable[..., Any], check: Callable[..., None], splats: Splats, camera: Camera, repeats: int) -> None:
-    """Show that the backends agree, then their times."""
-    work(splats, camera, "numba")  # compiles
-    print(f"\n{work.__name__}, {len(splats[0]):,} splats, {camera.width} x {camera.height} px: ", end="", flush=True)
-    numba = [measure(work, splats, camera, "numba", repeats)]
-    reference = measure(work, splats, camera, "torch", 1)
-    numba.append(measure(work, splats, camera, "numba", repeats))
-    check(numba[0].result, reference.result)
-    wall, cpu = (float(np.mean([getattr(timing, name) for timing in numba])) for name in ("wall", "cpu"))
-    print(f"numba {wall:.1f} ms ({cpu:.1f} CPU), torch {reference.wall:,.0f} ms ({reference.cpu:,.0f} CPU), ", end="")
-    print(f"ratio {reference.wall / wall:,.0f} ({reference.cpu / cpu:,.0f} CPU)", flush=True)
+def forward(splats: Splats, draw: Callable[[Splats], torch.Tensor]) -> torch.Tensor:
+    with torch.no_grad():
+        return draw(splats)
+
+
+def forward_and_backward(splats: Splats, draw: Callable[[Splats], torch.Tensor]) -> Splats:
+    """Return the gradients of a sum of colours with random weights of either sign."""
+    leaves = [tensor.clone().requires_grad_() for tensor in splats]
+    colour = draw(leaves)
+    weights = torch.randn(colour.shape, generator=torch.Generator().manual_seed(7))
+    colour.backward(weights.to(colour.dtype))
+    return [leaf.grad for leaf in leaves]
+
+
+def require(found: float, limit: float, what: str) -> None:
+    print(f"{what}: {found:.3g}")
+    if not found <= limit:
+        raise SystemExit(f"that is more than {limit:g}: times mean nothing")
+
+
+def agreement(options: argparse.Namespace) -> None:
+    """The compiled kernels against the float64 reference, picture and gradients."""
+    camera, splats = camera_of(320, 240), random_splats(REFERENCE_SPLATS)
+    exact = [tensor.double() for tensor in splats]
+    mine, theirs = forward(splats, lambda s: draw(s, camera)), forward(exact, lambda s: draw(s, camera, "torch"))
+    error = float((mine - theirs).square().mean())
+    print(f"PSNR of the picture: {-10 * math.log10(error):.0f} dB")
+    require(error, 10 ** (-LEAST_PSNR_DB / 10), "its mean square error")
+    mine = forward_and_backward(splats, lambda s: draw(s, camera))
+    theirs = forward_and_backward(exact, lambda s: draw(s, camera, "torch"))
+    worst = max(float((one - other).norm() / other.norm()) for one, other in zip(mine, theirs, strict=True))
+    require(worst, GRADIENT_TOLERANCE, "largest relative error of a gradient")
+
+
+def against_torch(options: argparse.Namespace) -> None:
+    """Plain torch beside the kernels, interleaved."""
+    camera, splats = camera_of(640, 480), random_splats(options.splats)
+    pictures = [forward(splats, way) for way in (lambda s: draw(s, camera), lambda s: draw_by_tiles(*s, camera))]
+    require(float((pictures[0] - pictures[1]).abs().max()), 1e-3, "largest difference of the pictures")
+    gradients = [
+        forward_and_backward(splats, way) for way in (lambda s: draw(s, camera), lambda s: draw_by_tiles(*s, camera))
+    ]
+    worst = max(float((one - other).norm() / other.norm()) for one, other in zip(*gradients, strict=True))
+    require(worst, 1e-3, "largest relative difference of a gradient")
+    for work in (forward, forward_and_backward):
+        mine = least_cost(lambda work=work: work(splats, lambda s: draw(s, camera)), options.repeats)
+        theirs = least_cost(lambda work=work: work(splats, lambda s: draw_by_tiles(*s, camera)), 2)
+        print(f"{work.__name__:<24} numba {mine}\n{'':<24} torch {theirs}")
+        print(f"{'':<24} ratio {theirs.wall / mine.wall:.0f}, of CPU time {theirs.cpu / mine.cpu:.0f}", flush=True)
+
+
+@contextmanager
+def stopwatches() -> Iterator[dict[str, float]]:
+    """Add the CPU seconds of each share of an iteration to what is yielded."""
+    seconds: dict[str, float] = defaultdict(float)
+    share_out = compiled.run_shares
+
+    def timed(name: str, work: Callable[..., Any]) -> Callable[..., Any]:
+        def clocked(*arguments: Any) -> Any:
+            began = time.process_time()
+            result = work(*arguments)
+            seconds[name] += time.process_time() - began
+            return result
+
+        return clocked
+
+    def by_kernel(kernel: Any, *arguments: Any) -> None:
+        share = SHARES.get(kernel.__name__)
+        (timed(share, share_out) if share else share_out)(kernel, *arguments)
+
+    with (
+        patch.object(compiled, "run_shares", by_kernel),
+        patch.object(compiled, "list_tiles", timed("binning", compiled.list_tiles)),
+        patch.object(image_loss, "_measure", timed("loss", image_loss._measure)),
+        patch.object(Adam, "step", lambda self, *a, step=Adam.step: timed("optimiser", step)(self, *a)),
+    ):
+        yield seconds
+
+
+def iteration(options: argparse.Namespace) -> None:
+    """A step of training, its shares, what densification adds to it, and a render."""
+    camera, tuning = camera_of(640, 480), TorchSplats()
+    splats, view, state = (
+        random_splats(options.splats),
+        photograph(camera),
+        training_state(random_splats(options.splats)),
+    )
+
+    def step() -> None:
+        training.descend(tuning, view, state, 8.0, 0)
+
+    for count in (1, 2):
+        with thread_number(count), training.one_torch_thread():
+            cost = least_cost(step, options.repeats)
+            shares = least_shares(step, options.repeats)
+            render = least_cost(lambda: forward(splats, lambda s: draw(s, camera)), options.repeats)
+        print(f"\n{count} thread{'s' if count > 1 else ''}: iteration {cost}; render {render}")
+        shares["rest (autograd, torch)"] = max(cost.cpu - sum(shares.values()), 0)
+        shares["densification"] = densification_cost(splats, tuning)
+        for name, cpu in shares.items():
+            print(f"    {name:<26}{cpu:7.2f} CPU-ms {100 * cpu / (cost.cpu + shares['densification']):5.1f} %")
+
+
+def least_shares(step: Callable[[], None], repeats: int) -> dict[str, float]:
+    """Return the least CPU milliseconds of each share of a step."""
+    found: dict[str, list[float]] = defaultdict(list)
+    for _ in range(repeats):
+        with stopwatches() as seconds:
+            step()
+        for name, spent in seconds.items():
+            found[name].append(1e3 * spent)
+    return {name: min(spent) for name, spent in found.items()}
+
+
+def densification_cost(splats: Splats, tuning: TorchSplats) -> float:
+    """CPU milliseconds of a round that adds a tenth of the splats, spread over the iterations between two rounds."""
+    interval = Schedule(tuning.iterations, len(splats[0]), tuning.splat_budget).interval
+    scores = torch.rand(len(splats[0]), generator=torch.Generator().manual_seed(1))
+
+    def round_of() -> float:
+        state = training_state(splats)
+        began = time.process_time()
+        densify(state.parameters, state.adam, scores, len(splats[0]) * 11 // 10)
+        return 1e3 * (time.process_time() - began)
+
+    return min(round_of() for _ in range(3)) / interval
+
+
+def growth(options: argparse.Namespace) -> None:
+    """Forward and backward as pixels and splats grow."""
+    sizes = [(320, 240), (640, 480), (1280, 960)]
+    counts = [options.splats // 4, options.splats, 4 * options.splats]
+    for width, height, count in [*((*size, options.splats) for size in sizes), *((640, 480, c) for c in counts)]:
+        splats, camera = random_splats(count), camera_of(width, height)
+        cost = least_cost(
+            lambda splats=splats, camera=camera: forward_and_backward(splats, lambda s: draw(s, camera)),
+            max(options.repeats // 3, 2),
+        )
+        print(f"{count:>9,} splats, {width:>4} x {height:<4} px: {cost}", flush=True)
+
+
+def large(options: argparse.Namespace) -> None:
+    """A million splats, forward and backward, in a process of its own."""
+    code = "import splats; splats.large_here()"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=__file__.rpartition("/")[0] or ".")
+
+
+def large_here() -> None:
+    splats, camera = random_splats(1_000_000), camera_of(1920, 1440)
+    cost = least_cost(lambda: forward_and_backward(splats, lambda s: draw(s, camera)), 2)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f"1,000,000 splats, 1920 x 1440 px, forward and backward: {cost}, peak memory {peak:,.0f} MB")
+
+
+def assembly(options: argparse.Namespace) -> None:
+    """Count the multiplications of the compositing kernels' machine code by the width of their registers."""
+    forward_and_backward(random_splats(10), lambda s: draw(s, camera_of(64, 64)))  # fixes their types
+    for name in ("composite", "composite_backward"):
+        kernel = getattr(compositing_kernels, name)
+        fresh = numba.njit(nogil=True, fastmath=True, error_model="numpy")(kernel.py_func)
+        fresh.compile(kernel.signatures[0])
+        widths: dict[str, int] = defaultdict(int)
+        for line in fresh.inspect_asm(kernel.signatures[0]).splitlines():
+            if re.match(r"\s+v?f?n?m(ul|add|sub)\w*[ps]s\s", line) or re.match(r"\s+vf\w+ps\s", line):
+                widths[re.findall(r"[xyz]mm", line)[-1] + (" packed" if "ps" in line.split()[0] else " scalar")] += 1
+        print(f"{name:<20}", ", ".join(f"{width}: {number}" for width, number in sorted(widths.items())))
+
+
+SECTIONS = {
+    "agreement": agreement,
+    "torch": against_torch,
+    "iteration": iteration,
+    "growth": growth,
+    "large": large,
+    "assembly": assembly,
+}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--splats", type=int, default=20_000)
+    parser.add_argument("--splats", type=int, default=50_000)
     parser.add_argument("--repeats", type=int, default=20)
+    parser.add_argument("--only", choices=SECTIONS)
     options = parser.parse_args()
     print_machine("slideframe-gs-torch", "torch", "numba", "numpy")
-    small, large = camera_of(320, 240), camera_of(640, 480)
-    compare(forward, check_picture, random_splats(options.splats), small, options.repeats)
-    compare(forward_and_backward, check_gradients, random_splats(options.splats // 20), small, options.repeats)
-
-    many = random_splats(50_000)
-    print(f"\nnumba alone, {len(many[0]):,} splats, {large.width} x {large.height} px")
-    for work in (forward, forward_and_backward):
-        timing = measure(work, many, large, "numba", options.repeats)
-        print(f"{work.__name__:<22}{timing.wall:>8.1f} ms{timing.cpu:>8.1f} CPU-ms")
+    for name, section in SECTIONS.items():
+        if options.only in (None, name):
+            print(f"\n{name}: {section.__doc__.splitlines()[0]}", flush=True)
+            section(options)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import torch
 from torch import Tensor
@@ -10,8 +9,8 @@ from torch import Tensor
 from slideframe.arrays import Float32Array, Float64Array
 from slideframe.errors import InputError
 from slideframe.products import Camera
-from slideframe_gs_torch.boundary import draw_compiled
-from slideframe_gs_torch.reference import camera_from, composite_exactly, rotation_matrices
+from slideframe_gs_torch.backends import Backend, choose_backend, draw_with
+from slideframe_gs_torch.reference import camera_from, rotation_matrices
 
 __all__ = ["Raster", "rasterize"]
 
@@ -55,7 +54,7 @@ def rasterize(
     depth: bool = False,
     normals: bool = False,
     frame_rotations: Float32Array | None = None,
-    backend: Literal["numba", "torch"] = "numba",
+    backend: Backend | None = None,
     screen_gradients: Tensor | None = None,
 ) -> Raster:
     """Draw splats as a pinhole camera sees them (Kerbl et al. 2023).
@@ -80,26 +79,29 @@ def rasterize(
         normals: whether to give normals.
         frame_rotations: (splat, 3, 3), from the frame of each splat's harmonics to the world, where the splat has
             turned since they were made; no gradient.
-        backend: `numba` is compiled and float32; `torch` is slow, exact, and takes float64.
-        screen_gradients: (splat, 2), filled in the backward pass of `numba` with the sum over tiles of
-            |dL/d(projected centre)|, per px.
+        backend: none: by the tensors' device. `numba` (CPU) is compiled, float32, and gives the same bits for any
+            number of threads; `gsplat` (CUDA) wants a compiler, `warp` (CUDA) a driver only; `torch` (CPU) is the
+            reference: slow, exact, and of any precision.
+        screen_gradients: (splat, 2), filled in the backward pass with the sum over tiles (`numba`) or pixels
+            (`gsplat`, `warp`) of |dL/d(projected centre)|, per px; not by `torch`.
 
     Raises:
-        InputError: the camera has lens distortion, or the tensors don't fit together.
+        InputError: the camera has lens distortion, the tensors don't fit together, or the backend not their device.
+        MissingDependency: the backend's package is not installed.
     """
     _require_fit(centers, rotations, scales, opacities, colours, camera)
     if not isinstance(world_from_camera, Tensor):
         world_from_camera = torch.tensor(world_from_camera, dtype=torch.float64)
-    pose = camera_from(world_from_camera.double())
-    behind = torch.as_tensor(background, dtype=centers.dtype)
+    pose = camera_from(world_from_camera.double()).to(centers.device)
+    behind = torch.as_tensor(background, dtype=centers.dtype, device=centers.device)
     shown = _depths(centers, pose) if depth else []
     shown += _normals(centers, rotations, scales, pose) if normals else []
     features = torch.stack(shown) if shown else centers.new_empty(0, len(centers), 3)
-    splats = (centers, rotations, scales, opacities, colours)
-    if backend == "torch":
-        drawing = composite_exactly(*splats, features, behind, pose, camera, antialiased, frame_rotations)
-    else:
-        drawing = draw_compiled(*splats, features, behind, pose, camera, antialiased, frame_rotations, screen_gradients)
+    draw = draw_with(backend or choose_backend(centers.device), centers.device)
+    drawing = draw(
+        centers, rotations, scales, opacities, colours, features, behind, pose, camera, antialiased, frame_rotations,
+        screen_gradients,
+    )  # fmt: skip
     alpha = 1 - drawing.transmittance
     seen = alpha.clamp_min(LEAST_ALPHA)
     return Raster(

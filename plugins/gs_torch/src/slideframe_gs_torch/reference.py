@@ -33,8 +33,8 @@ def rotation_matrices(quaternions: Tensor) -> Tensor:
     return torch.stack(rows, dim=1).reshape(-1, 3, 3)
 
 
-def projected_covariances(points: Tensor, covariances: Tensor, camera: Camera) -> Tensor:
-    """Return (splat, 2, 2), px^2, of covariances (splat, 3, 3) in camera axes."""
+def projection_jacobian(points: Tensor, camera: Camera) -> Tensor:
+    """Return (splat, 2, 3), px/m, of pixels by points (splat, 3) in camera axes, in the widened frustum."""
     x, y, z = points.unbind(1)
     margin_x = FRUSTUM_MARGIN * camera.width / (2 * camera.focal_x)
     margin_y = FRUSTUM_MARGIN * camera.height / (2 * camera.focal_y)
@@ -43,13 +43,18 @@ def projected_covariances(points: Tensor, covariances: Tensor, camera: Camera) -
     slope_x = (x / z).clamp(low_x - margin_x, high_x + margin_x)
     slope_y = (y / z).clamp(low_y - margin_y, high_y + margin_y)
     zero = torch.zeros_like(z)
-    jacobian = torch.stack(
+    return torch.stack(
         [
             torch.stack([camera.focal_x / z, zero, -camera.focal_x * slope_x / z], dim=1),
             torch.stack([zero, camera.focal_y / z, -camera.focal_y * slope_y / z], dim=1),
         ],
         dim=1,
     )
+
+
+def projected_covariances(points: Tensor, covariances: Tensor, camera: Camera) -> Tensor:
+    """Return (splat, 2, 2), px^2, of covariances (splat, 3, 3) in camera axes."""
+    jacobian = projection_jacobian(points, camera)
     return jacobian @ covariances @ jacobian.transpose(1, 2)
 
 
@@ -83,16 +88,17 @@ def seen_colours(colours: Tensor, centers: Tensor, pose: Tensor, frame_rotations
     directions = centers + (pose[:, :3].T @ pose[:, 3])
     if frame_rotations is not None:
         # d^T R = (R^T d)^T
-        directions = (directions[:, None, :] @ torch.as_tensor(frame_rotations, dtype=directions.dtype))[:, 0]
+        turned = torch.as_tensor(frame_rotations, dtype=directions.dtype, device=directions.device)
+        directions = (directions[:, None, :] @ turned)[:, 0]
     return evaluate_harmonics(colours, directions)
 
 
 def composite_exactly(
     centers: Tensor, rotations: Tensor, scales: Tensor, opacities: Tensor, colours: Tensor, features: Tensor,
     background: Tensor, camera_from_world: Tensor, camera: Camera, antialiased: bool,
-    frame_rotations: Float32Array | None,
+    frame_rotations: Float32Array | None, screen_gradients: Tensor | None = None,
 ) -> PlaneDrawing:  # fmt: skip
-    """Draw; arguments as in `rasterize`, features (group, splat, 3)."""
+    """Draw; arguments as in `rasterize`, features (group, splat, 3); `screen_gradients` are left alone."""
     pose = camera_from_world.to(centers.dtype)
     points = centers @ pose[:, :3].T + pose[:, 3]
     kept = torch.nonzero(points[:, 2] > NEAR)[:, 0]
