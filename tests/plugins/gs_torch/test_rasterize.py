@@ -13,6 +13,8 @@ from slideframe_gs_torch.rasterize import Raster, rasterize
 FORWARD_PSNR_DB = 60.0
 # float32 sums of some thousand terms against float64, relative to the largest gradient of the tensor
 GRADIENT_TOLERANCE = 1e-4
+# the pose's gradient is the sum of all splats', whose errors on one pixel have one sign
+MANY_FOLD_TOLERANCE = 1e-3
 # central differences of step 1e-8 in float64 lose more than half the digits
 DIFFERENCE_TOLERANCE = 1e-5
 
@@ -76,8 +78,9 @@ def gradients(splats, backend: str, dtype: torch.dtype, **options) -> tuple[Rast
     leaves = [tensor.to(dtype, copy=True).requires_grad_() for tensor in splats]
     pose = torch.tensor(options.pop("pose", POSE), dtype=torch.float64, requires_grad=True)
     background = torch.tensor(BACKGROUND, dtype=dtype, requires_grad=True)
+    camera = options.pop("camera", CAMERA)
     raster = rasterize(
-        *leaves, camera=CAMERA, world_from_camera=pose, background=background, backend=backend, **options
+        *leaves, camera=camera, world_from_camera=pose, background=background, backend=backend, **options
     )
     loss_of(raster).backward()
     return raster, [leaf.grad for leaf in (*leaves, pose, background)]
@@ -95,7 +98,8 @@ def assert_alike(splats, **options) -> None:
     for kind, got, expected in zip((*NAMES, "pose", "background"), fast_gradients, exact_gradients, strict=True):
         assert torch.isfinite(got).all(), kind
         deviation = (got.double() - expected).norm() / expected.norm().clamp_min(1e-12)
-        assert deviation <= GRADIENT_TOLERANCE, f"{kind}: {deviation:.2e}"
+        limit = MANY_FOLD_TOLERANCE if kind == "pose" and len(splats[0]) >= 100_000 else GRADIENT_TOLERANCE
+        assert deviation <= limit, f"{kind}: {deviation:.2e}"
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -207,6 +211,23 @@ def test_a_pixel_sees_the_splat_at_its_centre():
     raster = rasterize(*dot, torch.ones(1, 3), camera=CAMERA, world_from_camera=POSE)
     assert divmod(int(raster.alpha.argmax()), CAMERA.width) == (3, 7)
     assert raster.alpha[3, 7] == pytest.approx(0.8, abs=1e-4)
+
+
+def test_a_hundred_thousand_splats_on_one_pixel():
+    random = np.random.default_rng(0)
+    count = 100_000
+    tiny = Camera(width=5, height=4, focal_x=4.0, focal_y=4.0, principal_x=2.5, principal_y=2.0)
+    pile = [
+        torch.tensor(array, dtype=torch.float32).double()
+        for array in (
+            np.column_stack([random.normal(0, 0.01, (count, 2)), random.uniform(2, 3, count)]),
+            random.normal(size=(count, 4)),
+            np.exp(random.normal(-2, 0.3, (count, 3))),
+            random.uniform(0.01, 0.9, count),
+            random.uniform(0, 1, (count, 3)),
+        )
+    ]
+    assert_alike(pile, camera=tiny)
 
 
 def test_any_number_of_threads_gives_the_same_bits(monkeypatch):

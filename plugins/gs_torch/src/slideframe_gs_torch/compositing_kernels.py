@@ -18,8 +18,9 @@ from slideframe_gs_torch.binning_kernels import TILE_HEIGHT, TILE_WIDTH
 from slideframe_gs_torch.projection_kernels import LOG_OPACITY, MEAN_X, MEAN_Y, ROOT_U, ROOT_V, ROOT_W, SMALLEST_ALPHA
 
 LARGEST_ALPHA = 0.99
-# A tile is left once no pixel passes more light than this (Kerbl et al. 2023); looked at every few splats.
-OPAQUE_TRANSMITTANCE = np.float32(1e-5)
+# A pixel that passes less light than this is done, and a tile whose pixels all are is left; looked at every few splats.
+# Kerbl et al. (2023) stop at 1e-4, which costs the gradients of what lies behind their fourth digit.
+OPAQUE_TRANSMITTANCE = np.float32(1e-6)
 SPLATS_BETWEEN_LOOKS = 8
 # Splats whose numbers are fetched together.
 BATCH = 64
@@ -153,8 +154,9 @@ def composite(
                 across, along = a * scratch[i + AT_LANE] + (b * scratch[i + AT_ROW] + c), d * scratch[i + AT_ROW] + e
                 x = f - along * along - across * across
                 alpha = min(exp_of_eight(x), _LARGEST)
-                weight = scratch[i] * (alpha if x >= _FAINTEST else _ZERO)
-                scratch[i] -= weight
+                light = scratch[i]
+                weight = light * (alpha if (x >= _FAINTEST) & (light > OPAQUE_TRANSMITTANCE) else _ZERO)
+                scratch[i] = light - weight
                 scratch[i + AT_FIRST] += weight * first
                 scratch[i + AT_SECOND] += weight * second
                 scratch[i + AT_THIRD] += weight * third
@@ -216,14 +218,15 @@ def composite_backward(
                 across, along = a * scratch[i + AT_LANE] + (b * scratch[i + AT_ROW] + c), d * scratch[i + AT_ROW] + e
                 x = f - along * along - across * across
                 raw = exp_of_eight(x)
-                alpha = min(raw, _LARGEST) if x >= _FAINTEST else _ZERO
-                weight = scratch[i] * alpha
+                light = scratch[i]
+                alpha = min(raw, _LARGEST) if (x >= _FAINTEST) & (light > OPAQUE_TRANSMITTANCE) else _ZERO
+                weight = light * alpha
                 g_first, g_second, g_third = scratch[i + AT_FIRST], scratch[i + AT_SECOND], scratch[i + AT_THIRD]
                 share = weight * (g_first * first + g_second * second + g_third * third)
                 rest = scratch[i + AT_REST] - share
                 pull = share - alpha * rest / (_ONE - alpha)
                 pull = pull if raw < _LARGEST else _ZERO
-                scratch[i] -= weight
+                scratch[i] = light - weight
                 scratch[i + AT_REST] = rest
                 pull_across, pull_along = pull * across, pull * along
                 m_0 += pull
