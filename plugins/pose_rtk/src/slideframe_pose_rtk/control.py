@@ -139,7 +139,10 @@ def _add(points: dict[str, _Point], row: dict[str, str], columns: Sequence[str])
 
 
 def _number(text: str | None, column: str) -> float:
-    value = float(text) if text and text.strip() else math.nan
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
     if not math.isfinite(value):
         raise ValueError(f"'{text}' in {column} is no number")
     return value
