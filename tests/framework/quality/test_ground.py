@@ -30,6 +30,17 @@ def test_only_ground_within_the_picture_counts(field) -> None:
     assert not np.isfinite(coverage.angle[coverage.views == 0]).any()
 
 
+def test_a_barrel_lens_sees_more_than_its_pinhole(field) -> None:
+    """With k1 = -0.4 the middle of the picture's side shows the slope s with s (1 - 0.4 s^2) = 0.5."""
+    survey = field([(0, 0, HEIGHT)])
+    barrel = survey.cameras[0].model_copy(update={"distortion": (-0.4, 0.0, 0.0, 0.0, 0.0)})
+    coverage = cover_ground(survey.model_copy(update={"cameras": (barrel,)}))
+    true_slope = min(root.real for root in np.roots([-0.4, 0, 1, -0.5]) if abs(root.imag) < 1e-9 and root.real > 0)
+    middle = coverage.views[int(-coverage.south / coverage.cell)]
+    assert middle.sum() * coverage.cell == pytest.approx(2 * HEIGHT * true_slope, abs=2 * coverage.cell)
+    assert true_slope > 0.55
+
+
 def test_bounds_limit_what_is_looked_at(field) -> None:
     coverage = cover_ground(field([(0, 0, HEIGHT)]), bounds=(-5, 5, -5, 5))
     assert coverage.share_seen_by(1) == 1

@@ -110,7 +110,7 @@ class Chart:
         self.image = Image.new("RGB", size, PAPER)
         self.draw = ImageDraw.Draw(self.image)
         self.font = ImageFont.load_default(13)
-        self.draw.rectangle(self._frame(), fill=NOTHING)
+        self.draw.rectangle(self._frame(), fill=NOTHING, outline=INK)
         self.draw.text((MARGIN_LEFT, 12), title, fill=INK, font=ImageFont.load_default(16))
         self._ticks()
 

@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from slideframe.arrays import Float64Array
-from slideframe.products import Survey
+from slideframe.photographs import distort
+from slideframe.products import Camera, Survey
 
 Grid = npt.NDArray[np.float64]
 Bounds = tuple[float, float, float, float]
@@ -17,6 +18,8 @@ FEWEST_CELLS, MOST_CELLS = 12, 120  # along the longer side
 BRIDGED_CELLS = 2
 # Chords are measured along directions 15 degrees or less from any other, so 3.5 % too short at worst.
 CHORD_DIRECTIONS = 48
+# Half a picture's slopes, and 40 % more: strong barrel distortion of a drone's wide lens shows 20 % more.
+BEYOND_PINHOLE = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,11 +140,8 @@ def _look_at(survey: Survey, places: Float64Array) -> tuple[npt.NDArray[np.int64
     high = np.full((count, CHORD_DIRECTIONS), -np.inf, np.float32)
     for index, pose in enumerate(survey.world_from_camera):
         camera = survey.camera_of(index)
-        x, y, depth = ((places - pose[:, 3]) @ pose[:, :3]).T
-        ahead = np.maximum(depth, 1e-9)
-        column = camera.focal_x * x / ahead + camera.principal_x
-        row = camera.focal_y * y / ahead + camera.principal_y
-        seen = (depth > 0) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+        in_camera = (places - pose[:, 3]) @ pose[:, :3]
+        seen, depth = _inside(camera, in_camera), in_camera[:, 2]
         rays = pose[:, 3] - places[seen]
         distance = np.linalg.norm(rays, axis=1)
         views[seen] += 1
@@ -153,6 +153,21 @@ def _look_at(survey: Survey, places: Float64Array) -> tuple[npt.NDArray[np.int64
         high[seen] = np.maximum(high[seen], along)
     chord = np.where(views > 0, (high - low).max(axis=1, initial=0.0), 0.0)
     return views, chord.astype(np.float64), nearest, farthest, sampling
+
+
+def _inside(camera: Camera, in_camera: Float64Array) -> npt.NDArray[np.bool_]:
+    """Return (place,) whether places (place, 3) in camera axes fall into the picture, through the lens.
+
+    A lens polynomial turns back far outside of the picture, so only places near it are put through.
+    """
+    slopes = in_camera[:, :2] / np.maximum(in_camera[:, 2:], 1e-9)
+    reach = BEYOND_PINHOLE * np.array([camera.width / camera.focal_x, camera.height / camera.focal_y])
+    inside: npt.NDArray[np.bool_] = (in_camera[:, 2] > 0) & (np.abs(slopes) < reach).all(axis=1)
+    seen = distort(slopes[inside], camera.distortion)
+    column = seen[:, 0] * camera.focal_x + camera.principal_x
+    row = seen[:, 1] * camera.focal_y + camera.principal_y
+    inside[inside] = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    return inside
 
 
 def _directions(count: int) -> Float64Array:
