@@ -54,6 +54,18 @@ def geodetic_from_ecef(points: Float64Array) -> Float64Array:
     return np.column_stack([np.degrees(latitude), np.degrees(np.arctan2(y, x)), height])
 
 
+def mean_origin(geodetic: Float64Array) -> Georeference:
+    """Return the mean of (point, 3) latitudes, longitudes and heights, also astride the 180th meridian."""
+    latitude, longitude, height = geodetic.T
+    first = float(longitude[0])
+    offset = float(np.mean((longitude - first + 180.0) % 360.0 - 180.0))
+    return Georeference(
+        latitude=float(np.mean(latitude)),
+        longitude=(first + offset + 180.0) % 360.0 - 180.0,
+        ellipsoidal_height=float(np.mean(height)),
+    )
+
+
 def enu_axes(origin: Georeference) -> Float64Array:
     """Return the unit vectors east, north and up in earth-centred coordinates (3, 3), one a row."""
     latitude, longitude = np.radians(origin.latitude), np.radians(origin.longitude)

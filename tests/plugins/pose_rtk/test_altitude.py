@@ -2,6 +2,7 @@ from pathlib import Path
 
 import pytest
 
+from slideframe.errors import InputError
 from slideframe.georeferencing import Heights
 from slideframe.stages import Context
 from slideframe_pose_rtk.altitude import UNDULATION_SIGMA, AltitudeRules, settle_altitudes
@@ -47,6 +48,13 @@ def test_levels_that_mix_are_named_and_doubted(context: Context, kind: str) -> N
     assert f"{kind}.jpg" in warning
     assert "ItsWord" in warning
     assert "count for little" in warning
+
+
+def test_levels_that_mix_are_refused_where_nothing_adjusts_them(context: Context) -> None:
+    rules = AltitudeRules(mixed_refused=True)
+    with pytest.raises(InputError, match=r"different levels.*1 ellipsoidal \(ellipsoidal\.jpg\); 1 unknown"):
+        settle_altitudes([record("ellipsoidal"), record("unknown")], rules, context)
+    assert len(settle_altitudes([record("unknown"), record("unknown")], rules, context)) == 2
 
 
 @pytest.mark.parametrize("kind", ["orthometric", "relative", "unknown"])

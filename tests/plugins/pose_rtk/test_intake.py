@@ -174,6 +174,8 @@ def test_a_table_is_read_before_the_long_work(folder: Path) -> None:
     (folder / "positions.csv").write_text("name,latitude,longitude,height\ngood1,22.2801,114.2,151\n")
     with pytest.raises(InputError, match="unknown meaning: height"):
         RtkPoses(positions=folder / "positions.csv").preflight(Site(photographs=folder), Device())
+    with pytest.raises(InputError, match="geoid grid can't be used"):
+        RtkPoses(geoid_grid=folder / "absent.gtx").preflight(Site(photographs=folder), Device())
     (folder / "cameras.toml").write_text("[[camera]]\n")
     with pytest.raises(InputError, match="calibration"):
         RtkPoses(calibration=folder / "cameras.toml").preflight(Site(photographs=folder), Device())

@@ -55,3 +55,29 @@ def test_no_focal_length_at_all() -> None:
     with pytest.raises(InputError, match="no focal length") as caught:
         camera_of(record(focal_length_35mm=None))
     assert "a.jpg" in str(caught.value)
+
+
+def test_pix4ds_tags_are_of_the_type_and_scale() -> None:
+    lens = LensCalibration(
+        focal_x=3600.0, focal_y=3600.0, center_x=4.0, center_y=-6.0, distortion=(0.1, 0.0, 0.0, 0.0, 0.0)
+    )
+    camera, how = camera_of(record(stated_lens=lens, calibrated_focal_length=3725.0, size=(2640, 1978)))
+    assert how == "design"
+    assert (camera.focal_x, camera.principal_x, camera.principal_y) == (1800.0, 1322.0, 986.0)
+    assert camera.distortion == lens.distortion
+
+
+@pytest.mark.parametrize(("pitch", "focal_length"), [(0.00333, 12.29 / 0.00333), (0.02, None), (None, None)])
+def test_the_sensors_pixels_refine_the_equivalent_unless_they_contradict_it(
+    pitch: float | None, focal_length: float | None
+) -> None:
+    """Sequoia and others state the pixel pitch; the equivalent is rounded to a millimetre."""
+    camera, how = camera_of(record(focal_length=12.29, pixel_pitch=pitch))
+    equivalent = 24.0 / math.hypot(36, 24) * math.hypot(*FULL)
+    assert how == "nominal"
+    assert camera.focal_x == pytest.approx(focal_length or equivalent)
+
+
+def test_the_pixel_pitch_is_of_the_full_picture() -> None:
+    camera, _ = camera_of(record(focal_length=12.29, pixel_pitch=0.00333, focal_length_35mm=None, size=(1320, 989)))
+    assert camera.focal_x == pytest.approx(12.29 / 0.00333 / 4)

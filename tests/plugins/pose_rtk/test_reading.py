@@ -137,13 +137,13 @@ def test_the_writer_of_these_tests_tells_exiftool_the_truth(tmp_path: Path, phot
 
 
 def test_a_whole_flight_to_the_printed_digits(shared: Path) -> None:
-    from slideframe_pose_rtk.geodesy import LocalFrame, mean_origin
+    from slideframe.geodesy import enu_from_geodetic, mean_origin
 
     flight = shared / "data" / "uav" / "mirafiori_rtk"
     rows = list(csv.DictReader((flight / "reference" / "metadata_expected.csv").read_text().splitlines()))
     records = [read_record(flight / "images" / row["name"]) for row in rows]
-    places = np.array([(record.latitude, record.longitude, record.height) for record in records]).T
-    local = LocalFrame(mean_origin(*places)).to_local(*places)
+    places = np.array([(record.latitude, record.longitude, record.height) for record in records])
+    local = enu_from_geodetic(places, mean_origin(places))
     for row, record, position in zip(rows, records, local, strict=True):
         assert f"{record.latitude:.9f} {record.longitude:.9f}" == f"{row['lat']} {row['lon']}"
         assert record.height == float(row["alt_as_written"])

@@ -15,7 +15,7 @@ from slideframe.errors import InputError
 from slideframe.problem import Site
 from slideframe.products import Georeference, Survey
 from slideframe.stages import Context
-from slideframe_pose_rtk.orientation import angle_between
+from slideframe_pose_rtk.orientation import about_up, angle_between
 from slideframe_pose_rtk.source import RtkPoses
 
 # What the demo's metadata promise: RTK noise of 1 to 2 cm, gimbal noise of 0.3 degrees with a bias of 0.8.
@@ -132,23 +132,32 @@ def test_photographs_with_faults_are_placed_or_named(demo: Path, source: RtkPose
     folder = tmp_path / "photographs"
     shutil.copytree(demo / "photographs", folder)
     paths = sorted(folder.iterdir())
-    unturned, overturned, cut, dark = (paths[number] for number in (2, 5, 7, 9))
+    unturned, upside_down, overturned, cut, dark = (paths[number] for number in (2, 3, 5, 7, 9))
     # in place, because an APP1 segment states its length
     unturned.write_bytes(
         re.sub(rb'Gimbal\w+Degree="[^"]*"', lambda match: re.sub(rb"[1-9]", b"0", match[0]), unturned.read_bytes())
     )
     overturned.write_bytes(overturned.read_bytes().replace(b'GimbalRollDegree="+0', b'GimbalRollDegree="+9'))
+    with Image.open(upside_down) as picture:
+        turned = picture.transpose(Image.Transpose.ROTATE_180)
+        turned.save(upside_down, exif=picture.getexif(), xmp=picture.info["xmp"], quality=95)
     cut.write_bytes(cut.read_bytes()[: len(cut.read_bytes()) // 2])
     with Image.open(dark) as picture:
         Image.new("RGB", picture.size).save(dark, exif=picture.getexif(), xmp=picture.info["xmp"])
     survey, context = locate(folder, tmp_path / "scratch", source, demo / "cache")
     left = {photograph.name for photograph in survey.photographs}
     assert {path.name for path in paths} - left == {cut.name, dark.name}
-    assert angle_between(survey.world_from_camera[:, :, :3], truth(demo, survey)[:, :, :3]).max() < 3 * TRUE_ANGLE
+    true = truth(demo, survey)[:, :, :3]
+    row = [photograph.name for photograph in survey.photographs].index(upside_down.name)
+    true[row] = true[row] @ about_up(180.0)
+    errors = angle_between(survey.world_from_camera[:, :, :3], true)
+    assert np.delete(errors, row).max() < 3 * TRUE_ANGLE
+    assert errors[row] < 10 * TRUE_ANGLE, "its principal point lies turned as well, which turns the view a little"
     warned = "\n".join(context.warnings)
     for path in (unturned, cut, dark):
         assert path.name in warned
     assert "cut off" in warned
+    assert any("turned by 180 degrees" in line and upside_down.name in line for line in context.warnings)
 
 
 def test_too_little_in_common_is_an_input_error(demo: Path, source: RtkPoses, tmp_path: Path) -> None:

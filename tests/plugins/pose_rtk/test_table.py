@@ -46,8 +46,11 @@ def test_eastings_and_sea_level(tmp_path: Path, delimiter: str, x: str, y: str) 
         ("name,latitude,longitude\na,1,2\n", "exactly one of ellipsoidal_height or orthometric_height"),
         ("name,latitude,ellipsoidal_height\na,1,2\n", "exactly one of latitude with longitude or easting"),
         ("latitude,longitude,ellipsoidal_height\n1,2,3\n", "exactly one of name or file"),
-        ("name,name,latitude,longitude,ellipsoidal_height\na,a,1,2,3\n", "two of its columns"),
-        ("name,latitude,longitude,ellipsoidal_height,yaw\na,1,2,3,4\n", "yaw, pitch, roll it has only some"),
+        ("name,name,latitude,longitude,ellipsoidal_height\na,a,1,2,3\n", "two columns of the table"),
+        (
+            "name,latitude,longitude,ellipsoidal_height,yaw\na,1,2,3,4\n",
+            "yaw, pitch, roll the table of positions has only some",
+        ),
         ("name,latitude,longitude,ellipsoidal_height\na,1,2,high\n", "line 2 has no number in column 4"),
         ("name,latitude,longitude,ellipsoidal_height\na,1,2\n", "line 2 has no number in column 4"),
         ("name,latitude,longitude,ellipsoidal_height\na,1,nan,3\n", "line 2 has nan"),

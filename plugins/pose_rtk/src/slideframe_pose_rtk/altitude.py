@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from slideframe.errors import InputError
 from slideframe.georeferencing import ELLIPSOIDAL, Heights, undulation
 from slideframe.stages import Context
 from slideframe_pose_rtk.metadata import AltitudeKind, PhotoRecord
@@ -27,10 +28,12 @@ class AltitudeRules:
     Attributes:
         geoid: how far sea level lies above the ellipsoid; without, orthometric heights stay what they are.
         unstated: what to take heights of an unknown level for.
+        mixed_refused: whether heights on several levels are an error, because nothing will adjust them.
     """
 
     geoid: Heights = ELLIPSOIDAL
     unstated: Literal["unknown", "ellipsoidal", "orthometric"] = "unknown"
+    mixed_refused: bool = False
 
 
 def settle_altitudes(records: Sequence[PhotoRecord], rules: AltitudeRules, context: Context) -> list[PhotoRecord]:
@@ -40,12 +43,14 @@ def settle_altitudes(records: Sequence[PhotoRecord], rules: AltitudeRules, conte
     warning, and where levels mix, those not ellipsoidal lose their weight.
 
     Raises:
-        InputError: the geoid grid can't be used at a photograph's place.
+        InputError: the geoid grid can't be used at a photograph's place, or levels mix and mustn't.
     """
     told = [_as_told(record, rules) for record in records]
     settled = _above_ellipsoid(told, rules.geoid)
-    _warn_of_levels(settled, context)
     kinds = {record.altitude_kind for record in settled}
+    if len(kinds) > 1 and rules.mixed_refused:
+        raise _mixed(settled)
+    _warn_of_levels(settled, context)
     if len(kinds) < 2:
         return settled
     return [record if record.altitude_kind == "ellipsoidal" else _doubted(record) for record in settled]
@@ -88,6 +93,17 @@ def _warn_of_levels(records: Sequence[PhotoRecord], context: Context) -> None:
             f"{len(those)} of {len(records)} photographs have heights {LEVELS[kind]}{f' ({words})' if words else ''}:"
             f" {consequence}; geoid_offset, geoid_grid and unstated_altitude tell what they are: {names(those)}"
         )
+
+
+def _mixed(records: Sequence[PhotoRecord]) -> InputError:
+    """Return the error that names the photographs on each level."""
+    kinds = sorted({record.altitude_kind for record in records})
+    those = [(kind, [record for record in records if record.altitude_kind == kind]) for kind in kinds]
+    counts = "; ".join(f"{len(group)} {kind} ({names(group)})" for kind, group in those)
+    return InputError(
+        f"the photographs' heights lie on different levels, and nothing brings them together: {counts}",
+        cure="give geoid_offset, geoid_grid or unstated_altitude, remove those photographs, or refine the poses",
+    )
 
 
 def _doubted(record: PhotoRecord) -> PhotoRecord:

@@ -8,12 +8,12 @@ import numpy as np
 
 from slideframe.arrays import Float64Array
 from slideframe.errors import InputError
+from slideframe.geodesy import enu_from_geodetic, mean_origin
 from slideframe.masks import find_masks, mask_files
 from slideframe.products import Camera, Georeference
 from slideframe.stages import Context
 from slideframe.store import digest_file
 from slideframe_pose_rtk.features import PictureFile
-from slideframe_pose_rtk.geodesy import LocalFrame, mean_origin
 from slideframe_pose_rtk.intake import names
 from slideframe_pose_rtk.intrinsics import Calibration, camera_of
 from slideframe_pose_rtk.metadata import PhotoRecord
@@ -60,10 +60,8 @@ class Flight:
 
 def plan_flight(records: Sequence[PhotoRecord], folder: Path, origin: Georeference | None, context: Context) -> Flight:
     """Place the photographs by their metadata, warning of what it leaves open."""
-    latitude, longitude, height = np.array(
-        [(record.latitude, record.longitude, record.height) for record in records], np.float64
-    ).T
-    georeference = origin or mean_origin(latitude, longitude, height)
+    geodetic = np.array([(record.latitude, record.longitude, record.height) for record in records], np.float64)
+    georeference = origin or mean_origin(geodetic)
     cameras, calibrations, camera_indices = _distinct_cameras(records)
     oriented = np.array([record.gimbal is not None and not record.has_zero_gimbal for record in records])
     flight = Flight(
@@ -73,7 +71,7 @@ def plan_flight(records: Sequence[PhotoRecord], folder: Path, origin: Georeferen
         cameras=cameras,
         calibrations=calibrations,
         camera_of=camera_indices,
-        positions=LocalFrame(georeference).to_local(latitude, longitude, height),
+        positions=enu_from_geodetic(geodetic, georeference),
         position_sigma=np.array([record.position_sigma for record in records]),
         rotations=np.array(
             [

@@ -10,6 +10,7 @@ import numpy as np
 from PIL import Image
 
 from slideframe.errors import InputError
+from slideframe.georeferencing import undulation
 from slideframe.stages import Context
 from slideframe_pose_rtk.altitude import AltitudeRules, settle_altitudes
 from slideframe_pose_rtk.calibration import calibrated, read_calibration
@@ -82,9 +83,12 @@ def require_some_located(files: Sequence[Path], folder: Path, sources: Sources) 
     located = 0
     for path in files:
         try:
-            located += read_record(path).is_located
+            record = read_record(path)
         except InputError:
             continue
+        located += record.is_located
+        if record.is_located and located == 1:
+            undulation(sources.altitudes.geoid, np.array([record.latitude]), np.array([record.longitude]))
         if located == LEAST_PHOTOGRAPHS or (located and sources.positions.table):
             return
     if sources.positions.table is None:

@@ -115,6 +115,7 @@ class RtkPoses(PoseSource):
         from slideframe_pose_rtk.flight import picture_files, plan_flight, require_orientations
         from slideframe_pose_rtk.intake import LEAST_PHOTOGRAPHS, admit, require_baseline
         from slideframe_pose_rtk.report import report, survey_of
+        from slideframe_pose_rtk.turned import warn_of_turned
 
         folder, files = site.photographs, _photographs(site)
         records, digests = admit(files, folder, context, self._sources())
@@ -129,6 +130,7 @@ class RtkPoses(PoseSource):
         else:
             solved, qualities = self._take_over(self.model, flight, targets, context)
         solution.warn_of_unregistered(flight, solved, context)
+        warn_of_turned(flight, solved.poses, context)
         survey = survey_of(flight, solved, files, pictures, qualities)
         report(flight, solved, survey, context)
         return survey
@@ -142,7 +144,9 @@ class RtkPoses(PoseSource):
         return Sources(
             positions=PositionFiles(self.positions, self.positions_epsg, self.position_files),
             altitudes=AltitudeRules(
-                Heights(geoid_offset=self.geoid_offset, geoid_grid=self.geoid_grid), self.unstated_altitude
+                Heights(geoid_offset=self.geoid_offset, geoid_grid=self.geoid_grid),
+                self.unstated_altitude,
+                mixed_refused=not self.refine,
             ),
             calibration=self.calibration,
         )

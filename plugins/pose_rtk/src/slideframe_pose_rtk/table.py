@@ -18,7 +18,7 @@ SIGMA = ("sigma_east", "sigma_north", "sigma_up")
 ANGLES = ("yaw", "pitch", "roll")
 FIX = "fix"
 KNOWN = {*NAME, *(name for pair in PLACES for name in pair), *HEIGHTS, *SIGMA, *ANGLES, FIX}
-CURE = "give the columns that docs/survey.md names, separated by commas, semicolons or tabs"
+CURE = "give the columns that docs/survey.md names; heights are called ellipsoidal_height or orthometric_height"
 
 
 @dataclass(frozen=True)
@@ -97,16 +97,18 @@ class _Columns:
 def _columns(header: list[str], path: Path) -> _Columns:
     unknown = [column for column in header if column and column not in KNOWN]
     if unknown:
-        raise InputError(f"it has columns of unknown meaning: {', '.join(unknown)}", where=str(path), cure=CURE)
+        raise InputError(
+            f"the table of positions has columns of unknown meaning: {', '.join(unknown)}", where=str(path), cure=CURE
+        )
     if len(set(header)) < len(header):
-        raise InputError("two of its columns have one name", where=str(path), cure=CURE)
+        raise InputError("two columns of the table of positions have one name", where=str(path), cure=CURE)
     names = [column for column in NAME if column in header]
     places = [pair for pair in PLACES if all(column in header for column in pair)]
     heights = [column for column in HEIGHTS if column in header]
     for found, what in ((names, NAME), (places, PLACES), (heights, tuple(HEIGHTS))):
         if len(found) != 1:
             wanted = " or ".join(" with ".join(one) if isinstance(one, tuple) else one for one in what)
-            raise InputError(f"it needs exactly one of {wanted}", where=str(path), cure=CURE)
+            raise InputError(f"the table of positions needs exactly one of {wanted}", where=str(path), cure=CURE)
     x, y = (header.index(column) for column in places[0])
     geographic = places[0] == PLACES[0]
     return _Columns(
@@ -124,7 +126,7 @@ def _columns(header: list[str], path: Path) -> _Columns:
 def _all_or_none(header: list[str], columns: Sequence[str], path: Path) -> tuple[int, ...]:
     found = tuple(header.index(column) for column in columns if column in header)
     if found and len(found) < len(columns):
-        raise InputError(f"of {', '.join(columns)} it has only some", where=str(path), cure=CURE)
+        raise InputError(f"of {', '.join(columns)} the table of positions has only some", where=str(path), cure=CURE)
     return found
 
 
