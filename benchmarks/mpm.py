@@ -1,18 +1,24 @@
 """How fast the solvers move a block of sand on the CPU, after showing that they move it alike.
 
-    python benchmarks/mpm.py [--particles N] [--reference-particles N] [--frames N]
+    python benchmarks/mpm.py [--particles N] [--reference-particles N] [--frames N] [--growth N ...]
 
 A cube of sand, eight particles per cell, slumps from the corner of a channel with a rough floor. A small cube shows
-first how far each solver is from the float64 reference and how fast the reference is; the large one then measures the
-solvers. They take turns frame by frame, so that a busy moment harms all alike, and the first frame, which compiles, is
-left out. A frame's time is what a caller waits for: substeps, checks and the copy that is handed out.
+first how far each solver is from the float64 reference; the large one then measures the solvers beside a plain MPM in
+the same language (benchmarks/plain). Each solver has a process of its own, which shows its peak memory. They take turns
+frame by frame, so that a busy moment harms all alike, and the first frame, which compiles, is left out. A frame's time
+is what a caller waits for: substeps, sorting, checks and the copy that is handed out. `--growth` measures more cubes.
 """
 
 import argparse
+import json
+import os
+import resource
 import statistics
+import subprocess
+import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -22,16 +28,17 @@ from machine import print_machine
 from slideframe import registry
 from slideframe.device import Device
 from slideframe.problem import SimulationProblem, Wall
-from slideframe.products import Filling, ParticleFrame
+from slideframe.products import Filling
 from slideframe.reference.solver import ReferenceSolver
-from slideframe.stages import Context, Solver
+from slideframe.stages import Context
 from slideframe.testing.solver_scenes import block_filling, sand_problem
 
 SPACING = 0.25  # of the grid, m
 YOUNGS_MODULUS = 2e7  # keeps the strain under the own weight of some metres below a percent
-FRAME_RATE = 40.0  # some twenty substeps a frame, as in a film
+FRAME_RATE = 40.0  # some thirty substeps a frame, as in a film
 # Of the largest value in the reference: float32 leaves 2e-4 of this short slump; longer ones magnify it.
 TOLERANCE = 0.01
+PLAIN = {"mpm_warp": "plain warp", "mpm_taichi": "plain taichi"}
 
 
 def cube_of_sand(particles: int, frames: int) -> tuple[Filling, SimulationProblem]:
@@ -48,76 +55,160 @@ def cube_of_sand(particles: int, frames: int) -> tuple[Filling, SimulationProble
     return filling, problem
 
 
-@dataclass
-class Lap:
-    """What one solver did: its newest frame, and the wall and CPU seconds of every frame but the first."""
+def frames_of(name: str, filling: Filling, problem: SimulationProblem) -> Iterator[np.ndarray]:
+    """Give the positions (n, 3), m, after each frame."""
+    if name in PLAIN.values():
+        plain, substeps = plain_solver(name, filling, problem), problem.time_step(problem.grid(filling))[1]
+        while True:
+            plain.step(substeps)
+            yield plain.positions()
+    solver = ReferenceSolver() if name == "reference" else registry.load([name])[name]()
+    with tempfile.TemporaryDirectory() as scratch:
+        frames = solver.solve(filling, problem, Context(Device(), Path(scratch)))
+        next(frames)
+        for frame in frames:
+            yield frame.positions
 
-    motion: Iterator[ParticleFrame]
-    frame: ParticleFrame
+
+def plain_solver(name: str, filling: Filling, problem: SimulationProblem):
+    if name == "plain taichi":
+        import taichi as ti
+
+        ti.init(arch=ti.cpu, log_level=ti.ERROR)
+        from plain.taichi_kernels import Plain
+    else:
+        from plain.warp_kernels import Plain
+    return Plain(filling, problem, problem.grid(filling), problem.material.constants.cone_slope)
+
+
+def work(name: str, particles: int, frames: int, answer: int) -> None:
+    """Be the process of one solver: a line asks for a frame, the answer tells its wall and CPU seconds."""
+    filling, problem = cube_of_sand(particles, frames)
+    motion = frames_of(name, filling, problem)
+    with os.fdopen(answer, "w") as answers:
+        for line in sys.stdin:
+            wall, cpu = time.perf_counter(), time.process_time()
+            positions = next(motion)
+            told = {"wall": time.perf_counter() - wall, "cpu": time.process_time() - cpu}
+            if line.strip():
+                np.save(line.strip(), positions)
+            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+            answers.write(json.dumps(told | {"peak_mib": peak}) + "\n")
+            answers.flush()
+
+
+@dataclass
+class Racer:
+    """A solver in its own process, and the seconds of every frame but the first, which compiles."""
+
+    name: str
+    particles: int
+    frames: int
     wall: list[float] = field(default_factory=list)
     cpu: list[float] = field(default_factory=list)
+    peak_mib: float = 0.0
 
-    def advance(self) -> None:
-        wall, cpu = time.perf_counter(), time.process_time()
-        self.frame = next(self.motion)
-        self.wall.append(time.perf_counter() - wall)
-        self.cpu.append(time.process_time() - cpu)
+    def __post_init__(self) -> None:
+        here, there = os.pipe()
+        options = ["--worker", self.name, "--answer", str(there), "--particles", str(self.particles)]
+        command = [sys.executable, __file__, *options, "--frames", str(self.frames)]
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, pass_fds=[there], text=True, **quiet)
+        os.close(there)
+        self._answers = os.fdopen(here)
 
+    def advance(self, save: str = "") -> None:
+        self._process.stdin.write(save + "\n")
+        self._process.stdin.flush()
+        line = self._answers.readline()
+        if not line:
+            raise SystemExit(f"{self.name} stopped with exit code {self._process.wait()}")
+        told = json.loads(line)
+        self.wall.append(told["wall"])
+        self.cpu.append(told["cpu"])
+        self.peak_mib = told["peak_mib"]
 
-def race(solvers: Mapping[str, Solver], filling: Filling, problem: SimulationProblem) -> dict[str, Lap]:
-    with tempfile.TemporaryDirectory() as scratch:
-        motions = {
-            name: solver.solve(filling, problem, Context(Device(), Path(scratch))) for name, solver in solvers.items()
-        }
-        laps = {name: Lap(motion, next(motion)) for name, motion in motions.items()}
-        for _ in range(problem.simulation.frame_count - 1):
-            for lap in laps.values():
-                lap.advance()
-    for lap in laps.values():
-        del lap.wall[0], lap.cpu[0]  # these compiled
-    return laps
-
-
-def particle_substeps(filling: Filling, problem: SimulationProblem) -> int:
-    """Return how many a frame takes."""
-    return len(filling.particle_positions) * problem.time_step(problem.grid(filling))[1]
-
-
-def describe(filling: Filling, problem: SimulationProblem) -> str:
-    count, frames = len(filling.particle_positions), problem.simulation.frame_count - 1
-    return f"{count:,} particles, {frames} frames of {particle_substeps(filling, problem) // count} substeps"
+    def finish(self) -> "Racer":
+        self._process.stdin.close()
+        self._process.wait()
+        del self.wall[0], self.cpu[0]
+        return self
 
 
-def print_agreement(laps: Mapping[str, Lap], start: Filling) -> bool:
+def race(names: list[str], particles: int, frames: int) -> list[Racer]:
+    """Let the solvers take turns."""
+    racers = [Racer(name, particles, frames) for name in names]
+    for _ in range(frames):
+        for racer in racers:
+            racer.advance()
+    return [racer.finish() for racer in racers]
+
+
+def print_agreement(particles: int, frames: int) -> bool:
     """Print each solver's largest deviation from the reference, and return whether all are small."""
-    print(f"{'relative to the reference':<28}{'centre of mass':>16}{'displacement':>14}{'velocity':>10}{'F - 1':>10}")
-    expected = fields(laps["reference"].frame, start)
-    worst = 0.0
-    for name in [name for name in laps if name != "reference"]:
-        pairs = zip(fields(laps[name].frame, start), expected, strict=True)
-        errors = [float(np.abs(mine - theirs).max() / np.abs(theirs).max()) for mine, theirs in pairs]
-        print(f"{name:<28}{errors[0]:>16.1e}{errors[1]:>14.1e}{errors[2]:>10.1e}{errors[3]:>10.1e}")
+    filling, problem = cube_of_sand(particles, frames)
+    count, substeps = len(filling.particle_positions), problem.time_step(problem.grid(filling))[1]
+    print(f"\nsmall cube: {count:,} particles, {frames} frames of {substeps} substeps; against the float64 reference")
+    print(f"{'relative to the reference':<28}{'centre of mass':>16}{'displacement':>14}")
+    moved, worst = {}, 0.0
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ("reference", *PLAIN, *PLAIN.values()):
+            racer = Racer(name, particles, frames)
+            for _ in range(frames):
+                racer.advance(f"{folder}/positions.npy")
+            racer.finish()
+            moved[name] = np.load(f"{folder}/positions.npy").astype(np.float64) - filling.particle_positions
+    for name, mine in moved.items():
+        pairs = ((mine.mean(axis=0), moved["reference"].mean(axis=0)), (mine, moved["reference"]))
+        errors = [float(np.abs(one - other).max() / np.abs(other).max()) for one, other in pairs]
+        print(f"{name:<28}{errors[0]:>16.1e}{errors[1]:>14.1e}")
         worst = max(worst, *errors)
     return worst <= TOLERANCE
 
 
-def fields(frame: ParticleFrame, start: Filling) -> list[np.ndarray]:
-    displacements = frame.positions.astype(np.float64) - start.particle_positions
-    return [displacements.mean(axis=0), displacements, frame.velocities, frame.deformation_gradients - np.eye(3)]
+def print_speeds(racers: list[Racer]) -> None:
+    """Print speeds of the median frame, the ratio to the plain MPM in the same language, and memory."""
+    filling, problem = cube_of_sand(racers[0].particles, 1)
+    count, substeps = len(filling.particle_positions), problem.time_step(problem.grid(filling))[1]
+    speeds = {
+        racer.name: [1e-6 * count * substeps / statistics.median(seconds) for seconds in (racer.wall, racer.cpu)]
+        for racer in racers
+    }
+    print(f"\ncube of {count:,} particles, {len(racers[0].wall)} frames of {substeps} substeps")
+    print(f"{'million particle-substeps':<20}{'per s':>8}{'per CPU-s':>11}{'to plain':>10}{'CPU':>7}", end="")
+    print(f"{'bytes/particle':>16}{'peak MiB':>10}")
+    for racer in racers:
+        wall, cpu = speeds[racer.name]
+        ratios = f"{'':>17}{'':>16}"
+        if PLAIN.get(racer.name) in speeds:
+            plain = speeds[PLAIN[racer.name]]
+            ratios = f"{wall / plain[0]:>10.1f}{cpu / plain[1]:>7.1f}"
+        if racer.name in PLAIN:
+            ratios = f"{ratios:>17}{bytes_per_particle(racer.name, filling, problem):>16.0f}"
+        print(f"{racer.name:<20}{wall:>8.2f}{cpu:>11.2f}{ratios}{racer.peak_mib:>10.0f}")
 
 
-def speeds(lap: Lap, per_frame: int) -> tuple[float, float]:
-    """Return millions of particle-substeps per second of wall and of CPU time, in the median frame."""
-    return 1e-6 * per_frame / statistics.median(lap.wall), 1e-6 * per_frame / statistics.median(lap.cpu)
+def bytes_per_particle(name: str, filling: Filling, problem: SimulationProblem) -> float:
+    """Return what the solver estimates before it allocates anything, grid included."""
+    from slideframe.tiles import estimate_nodes
+
+    if name == "mpm_warp":
+        from slideframe_mpm_warp.stepper import bytes_needed
+    else:
+        from slideframe_mpm_taichi.stepper import bytes_needed
+    count = len(filling.particle_positions)
+    nodes = estimate_nodes(filling, problem.grid(filling))
+    return bytes_needed(count, nodes, problem.simulation.precision) / count
 
 
-def print_speeds(laps: Mapping[str, Lap], per_frame: int, reference: tuple[float, float]) -> None:
-    print(
-        f"{'million particle-substeps':<28}{'per second':>16}{'per CPU-second':>16}{'to the reference':>18}{'CPU':>8}"
-    )
-    for name, lap in laps.items():
-        wall, cpu = speeds(lap, per_frame)
-        print(f"{name:<28}{wall:>16.3f}{cpu:>16.3f}{wall / reference[0]:>18.1f}{cpu / reference[1]:>8.1f}")
+def print_shares(name: str, particles: int) -> None:
+    """Print each kernel's share of the CPU time of sixty substeps, sorting included."""
+    from shares import measure
+
+    seconds = measure(name, *cube_of_sand(particles, 8))
+    total = sum(seconds.values())
+    shares = ", ".join(f"{kernel} {100 * part / total:.0f} %" for kernel, part in seconds.items())
+    print(f"{name:<12} {shares}")
 
 
 def main() -> None:
@@ -125,22 +216,26 @@ def main() -> None:
     parser.add_argument("--particles", type=int, default=100_000)
     parser.add_argument("--reference-particles", type=int, default=4_000)
     parser.add_argument("--frames", type=int, default=8)
+    parser.add_argument("--growth", type=int, nargs="*", default=[300_000, 1_000_000, 3_000_000])
+    parser.add_argument("--worker", help=argparse.SUPPRESS)
+    parser.add_argument("--answer", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
+    if options.worker:
+        work(options.worker, options.particles, options.frames, options.answer)
+        return
     print_machine("slideframe", "numpy", "warp-lang", "taichi")
-    solvers: dict[str, Solver] = {name: stage() for name, stage in registry.load(["mpm_warp", "mpm_taichi"]).items()}
-
-    filling, problem = cube_of_sand(options.reference_particles, options.frames)
-    print(f"\nsmall cube: {describe(filling, problem)}; float32 against the reference's float64")
-    laps = race({"reference": ReferenceSolver(), **solvers}, filling, problem)
-    agree = print_agreement(laps, filling)
-    reference = speeds(laps["reference"], particle_substeps(filling, problem))
-    print_speeds(laps, particle_substeps(filling, problem), reference)
-    if not agree:
+    if not print_agreement(options.reference_particles, options.frames):
         raise SystemExit(f"a solver is further from the reference than {TOLERANCE:g}: its speed means nothing")
+    print_speeds(race([*PLAIN, *PLAIN.values()], options.particles, options.frames))
+    print("\nshare of each kernel in CPU time")
+    for name in PLAIN:
+        subprocess.run([sys.executable, "-c", SHARES.format(name=name, particles=options.particles)], check=True)
+    for particles in options.growth:
+        print_speeds(race(list(PLAIN), particles, 3))
 
-    filling, problem = cube_of_sand(options.particles, options.frames)
-    print(f"\nlarge cube: {describe(filling, problem)}; the reference's speed is the small cube's")
-    print_speeds(race(solvers, filling, problem), particle_substeps(filling, problem), reference)
+
+# in a process of its own, since Taichi and Warp would share one
+SHARES = "import mpm; mpm.print_shares({name!r}, {particles})"
 
 
 if __name__ == "__main__":

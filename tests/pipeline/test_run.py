@@ -245,6 +245,31 @@ def test_a_killed_motion_goes_on_after_its_last_frame_where_the_solver_can(workp
     assert "resumed_from_item" not in workplace.result("unbroken")["solver"]
 
 
+def test_a_killed_simulation_goes_on_from_its_checkpoint_to_the_same_bits(workplace):
+    """With a real solver: SIGKILL once some frames are stored, then the same command again."""
+    case = ["--solver", "mpm_warp", "--until", "solver", "--set", "simulation.duration=4.0"]
+    case += ["--set", "plugins.mpm_warp.checkpoint_every=3"]
+    process = subprocess.Popen(
+        workplace.command("run", "case.toml", *case, "--out", "runs/case"), cwd=workplace.folder,
+        env=workplace.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    deadline = time.monotonic() + 90
+    while not list(workplace.folder.glob("runs/store/*.partial/000007")) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.kill()
+    assert process.wait() == -signal.SIGKILL
+    workplace.run(*case, "--out", "runs/case")
+    resumed = workplace.result("case")["solver"]["resumed_from_item"]
+    assert resumed >= 7
+    assert resumed % 3 == 1
+    broken = json.loads((workplace.folder / "runs" / "case" / "particles" / "manifest.json").read_text())
+    workplace.run(*case, "--store", "fresh-store", "--out", "runs/unbroken")
+    unbroken = json.loads((workplace.folder / "runs" / "unbroken" / "particles" / "manifest.json").read_text())
+    assert "resumed_from_item" not in unbroken["figures"]
+    assert broken["figures"]["substeps"] == unbroken["figures"]["substeps"]
+    assert broken["content"] == unbroken["content"]
+
+
 def test_ctrl_c_leaves_a_resumable_run_and_exits_130(workplace):
     slow = ("--set", "plugins.standin_solver.seconds=0.3")
     assert workplace.start_and_signal("standin_solver", signal.SIGINT, *slow) == 130

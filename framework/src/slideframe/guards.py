@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from slideframe.arrays import Float64Array
 from slideframe.errors import ConfigurationError, InputError, StageFailed
 from slideframe.problem import Grid, Simulation, SimulationProblem
 from slideframe.products import Filling, ParticleFrame
@@ -170,20 +171,27 @@ def _place(position: npt.NDArray[np.floating]) -> str:
 
 @dataclass
 class Pace:
-    """Measures a solver's speed and reports the figures that all solvers share."""
+    """Measures a solver's speed and reports the figures that all solvers share.
+
+    Attributes:
+        masses: (n,), kg.
+        time_step: s.
+        substeps: all so far, those of an earlier run that broke off included.
+    """
 
     context: Context
-    frame_count: int
-    particle_count: int
-    mass: float
+    simulation: Simulation
+    masses: Float64Array
     time_step: float
-    substeps: int = 0
+    substeps: int = field(default=0, init=False)
+    _earlier: int = field(default=0, init=False)
+    _frames: int = field(default=0, init=False)
     _seconds: float = field(default=0.0, init=False)
     _started: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
-        self.context.figure("particles", self.particle_count)
-        self.context.figure("mass_kg", self.mass)
+        self.context.figure("particles", len(self.masses))
+        self.context.figure("mass_kg", float(self.masses.sum()))
         self.context.figure("time_step_s", self.time_step)
 
     def __enter__(self) -> None:
@@ -192,12 +200,26 @@ class Pace:
     def __exit__(self, *failure: object) -> None:
         self._seconds += time.perf_counter() - self._started
 
-    def frame_done(self, frame: int, substeps: int, escaped: int) -> None:
-        """Report progress and figures after output frame `frame` of which 0 is the start."""
+    def resume(self, substeps: int) -> None:
+        """Count what an earlier run did, but not into this run's speed."""
+        self.substeps = self._earlier = substeps
+
+    def frame_done(self, frame: int, substeps: int, product: ParticleFrame) -> None:
+        """Report progress and figures after output frame `frame`, of which 0 is the start."""
         self.substeps += substeps
-        rate = self.substeps / self._seconds if self._seconds else 0.0
+        self._frames += 1
+        rate = (self.substeps - self._earlier) / self._seconds if self._seconds else 0.0
         self.context.figure("substeps", self.substeps)
         self.context.figure("substeps_per_second", rate)
-        self.context.figure("particle_substeps_per_second", rate * self.particle_count)
-        self.context.figure("escaped_particles", escaped)
-        self.context.progress(frame, self.frame_count - 1, substeps_per_second=rate)
+        self.context.figure("particle_substeps_per_second", rate * len(self.masses))
+        self.context.figure("escaped_particles", product.escaped)
+        frames = self.simulation.frame_count - 1
+        squared_speed = np.einsum("pi,pi->p", product.velocities, product.velocities, dtype=np.float64)
+        self.context.progress(
+            frame,
+            frames,
+            simulated_s=product.time,
+            substeps_per_second=rate,
+            remaining_s=self._seconds / self._frames * (frames - frame),
+            kinetic_energy_j=float(0.5 * self.masses @ squared_speed),
+        )

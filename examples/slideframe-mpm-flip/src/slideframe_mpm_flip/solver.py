@@ -29,7 +29,7 @@ class FlipSolver(Solver):
         time_step, substeps = problem.time_step(grid)
         state = Particles.at_start(filling, problem.material.density)
         simulation = problem.simulation
-        pace = Pace(context, simulation.frame_count, len(state.masses), float(state.masses.sum()), time_step)
+        pace = Pace(context, problem.simulation, state.masses, time_step)
         yield start_frame(filling, problem)
         for frame in range(1, simulation.frame_count):
             with pace:
@@ -38,8 +38,9 @@ class FlipSolver(Solver):
                     now = (frame - 1) / simulation.frame_rate + substep * time_step
                     check_motion(state.positions, state.velocities, now, grid, time_step)
             bound_stretch(state.deformation_gradients)
-            pace.frame_done(frame, substeps, int(state.held.sum()))
-            yield state.frame(frame / simulation.frame_rate, problem)
+            product = state.frame(frame / simulation.frame_rate, problem)
+            pace.frame_done(frame, substeps, product)
+            yield product
 
     def _advance(self, state: Particles, problem: SimulationProblem, grid: Grid, time_step: float) -> None:
         """Carry the particles through one substep."""

@@ -100,6 +100,24 @@ def check_two_runs_are_equal(stage: Solver, scratch: Path) -> None:
         assert_same(one, other, f"frame at {one.time} s")
 
 
+def check_a_broken_run_goes_on_to_the_same_frames(stage: Solver, scratch: Path) -> None:
+    """Where the stage resumes after a run that broke off, its frames are those of an unbroken run, bit for bit."""
+    filling, problem = _block(), sand_problem(duration=1.5)
+    whole = _solve(stage, filling, problem, scratch, "unbroken")
+    broken = fresh_context(scratch, "broken")
+    kept = 0
+    for kept, _ in enumerate(stage.solve(filling, problem, broken), start=1):
+        if kept == len(whole) - 2:
+            break
+    again = type(broken)(broken.device, broken.scratch, stored=kept)
+    rest = list(stage.solve(filling, problem, again))
+    assert again.first_item + len(rest) == len(whole), (
+        f"{len(rest)} frames after the first {again.first_item}, {len(whole)} expected"
+    )
+    for one, other in zip(whole[again.first_item :], rest, strict=True):
+        assert_same(one, other, f"frame at {one.time} s")
+
+
 def check_figures_are_reported(stage: Solver, scratch: Path) -> None:
     """The figures that every solver reports are there, and mass is density times volume."""
     context, filling = fresh_context(scratch), _block()

@@ -1,5 +1,6 @@
 """The particles in Taichi's memory, which sorting moves about."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,15 @@ class Particles:
     def names(self) -> list[str]:
         """Return the names of all arrays."""
         return list(self._arrays)
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """Return copies of all arrays, in their present order."""
+        return {name: array.to_numpy() for name, array in self._arrays.items()}
+
+    def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Take over all arrays, their order included."""
+        for name, array in self._arrays.items():
+            array.from_numpy(np.array(state[name]))
 
     def in_order(self, name: str) -> npt.NDArray[Any]:
         """Return a copy of one array, in the filling's order."""

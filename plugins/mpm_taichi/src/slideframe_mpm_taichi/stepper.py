@@ -1,5 +1,6 @@
 """The particles and the grid in Taichi's memory, and the substep that moves them."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -119,6 +120,16 @@ class Stepper:
             for name in self.particles.names():
                 kernels.reorder(self.layout.order, *self.particles.swap(name))
         self.drift = 0.0
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """Return all that the next substep depends on; from here on a stepper with that state has the same bits."""
+        self.drift = np.inf  # both lay the grid anew
+        return self.particles.state()
+
+    def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Go on from a state."""
+        self.particles.restore(state)
+        self.drift = np.inf
 
     def motion(self) -> tuple[Float64Array, npt.NDArray[np.floating]]:
         """Return positions (n, 3), m, and velocities (n, 3), m/s, in the order of the filling."""

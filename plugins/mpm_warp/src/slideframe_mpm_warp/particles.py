@@ -1,5 +1,6 @@
 """The particles in Warp's memory, which sorting moves about."""
 
+from collections.abc import Mapping
 from types import ModuleType
 from typing import Any
 
@@ -66,6 +67,15 @@ class Particles:
     def names(self) -> list[str]:
         """Return the names of all arrays."""
         return list(self._arrays)
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """Return copies of all arrays, in their present order."""
+        return {name: array.numpy().copy() for name, array in self._arrays.items()}
+
+    def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Take over all arrays, their order included."""
+        for name, array in self._arrays.items():
+            array.assign(state[name])
 
     def in_order(self, name: str) -> npt.NDArray[Any]:
         """Return a copy of one array, in the filling's order."""

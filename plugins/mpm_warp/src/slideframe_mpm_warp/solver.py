@@ -4,7 +4,9 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 import numpy as np
+from pydantic import Field
 
+from slideframe.checkpoint import Checkpoints
 from slideframe.guards import Pace, check_memory, check_motion, check_start, start_frame
 from slideframe.problem import SimulationProblem
 from slideframe.products import Filling, ParticleFrame
@@ -19,6 +21,12 @@ class WarpSolver(Solver):
     backend: ClassVar[tuple[str, ...]] = ("warp",)
     devices: ClassVar[frozenset[str]] = frozenset({"cpu", "cuda"})
 
+    checkpoint_every: int = Field(
+        default=10,
+        ge=0,
+        description="output frames from one checkpoint to the next, for a run that breaks off; 0: none",
+    )
+
     def solve(self, filling: Filling, problem: SimulationProblem, context: Context) -> Iterator[ParticleFrame]:
         """Yield the motion; on the CPU the same input gives the same bits."""
         from slideframe_mpm_warp.stepper import Stepper, bytes_needed
@@ -28,12 +36,20 @@ class WarpSolver(Solver):
         node_count = estimate_nodes(filling, grid)
         check_memory(bytes_needed(particle_count, node_count, simulation.precision), particle_count, node_count)
         time_step, substeps = problem.time_step(grid)
-        mass = problem.material.density * float(filling.particle_volumes.sum(dtype=np.float64))
-        pace = Pace(context, simulation.frame_count, particle_count, mass, time_step)
-        yield start_frame(filling, problem)
+        masses = problem.material.density * filling.particle_volumes.astype(np.float64)
+        pace = Pace(context, simulation, masses, time_step)
+        checkpoints = Checkpoints(context, self.checkpoint_every)
+        found = checkpoints.latest()
+        first = found[0] + 1 if found else 1
+        if not found:
+            yield start_frame(filling, problem)
 
         stepper = Stepper(filling, problem, grid, str(context.device))
-        for frame in range(1, simulation.frame_count):
+        if found:
+            stepper.restore(found[1])
+            pace.resume(int(found[1]["substeps"]))
+            found = None  # its arrays
+        for frame in range(first, simulation.frame_count):
             with pace:
                 for substep in range(1, substeps + 1):
                     # written so that NaN, too, is found
@@ -41,5 +57,7 @@ class WarpSolver(Solver):
                         now = (frame - 1) / simulation.frame_rate + substep * time_step
                         check_motion(*stepper.motion(), now, grid, time_step)
             product = stepper.frame(frame / simulation.frame_rate)
-            pace.frame_done(frame, substeps, product.escaped)
+            pace.frame_done(frame, substeps, product)
             yield product
+            if checkpoints.is_due(frame):
+                checkpoints.write(frame, stepper.state() | {"substeps": np.array(pace.substeps)})

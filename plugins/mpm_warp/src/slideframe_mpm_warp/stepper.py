@@ -1,6 +1,6 @@
 """The substep that moves the particles over the grid and back."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -123,6 +123,16 @@ class Stepper:
             wp.launch(kernel, dim=count, inputs=[first, *inputs], device=self.device, record_cmd=True)
             for first, count in runs
         ]
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """Return all that the next substep depends on; from here on a stepper with that state has the same bits."""
+        self.drift = np.inf  # both lay the grid anew
+        return self.particles.state()
+
+    def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Go on from a state."""
+        self.particles.restore(state)
+        self.drift = np.inf
 
     def motion(self) -> tuple[Float64Array, npt.NDArray[np.floating]]:
         """Return positions (n, 3), m, and velocities (n, 3), m/s, in the order of the filling."""
