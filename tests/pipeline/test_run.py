@@ -270,6 +270,18 @@ def test_a_killed_simulation_goes_on_from_its_checkpoint_to_the_same_bits(workpl
     assert broken["content"] == unbroken["content"]
 
 
+def test_compact_frames_make_the_same_film_within_the_stated_error(workplace):
+    workplace.run()
+    whole = np.load(workplace.folder / "runs" / "case-standin_solver" / "particles" / "000010" / "positions.npy")
+    workplace.run("--set", "simulation.stored_frames=compact", "--out", "runs/compact")
+    assert workplace.calls == ["standin_solver", "standin_renderer"]
+    frames = workplace.folder / "runs" / "compact" / "particles"
+    assert not (frames / "000010" / "positions.npy").exists()
+    low, step = np.load(frames / "000010" / "positions.box.npy")
+    error = np.abs(low + step * np.load(frames / "000010" / "positions.fixed.npy") - whole).max()
+    assert error <= workplace.result("compact")["solver"]["stored_position_error_m"] * 1.001 + 1e-6
+
+
 def test_ctrl_c_leaves_a_resumable_run_and_exits_130(workplace):
     slow = ("--set", "plugins.standin_solver.seconds=0.3")
     assert workplace.start_and_signal("standin_solver", signal.SIGINT, *slow) == 130

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -24,11 +24,13 @@ class Array:
     `Annotated[Float32Array, Array(("particle", 3), "float32", "m")]` is an array of shape
     (particle_count, 3) in metres. A named axis has the same length wherever the name stands
     in one product; a number is the exact length. Floating-point values must be finite.
+    `compact` is how the array may be stored in 16 bits where the user wants that (slideframe.compact).
     """
 
     axes: Axes
     dtype: str
     unit: str = "1"
+    compact: Literal["fixed", "half"] | None = None
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
         return core_schema.no_info_plain_validator_function(self.validate)

@@ -9,7 +9,7 @@ from typing import Any, Generic, Protocol, TypeVar, cast
 
 from pydantic import BaseModel
 
-from slideframe import __version__
+from slideframe import __version__, compact
 from slideframe.arrays import Product
 from slideframe.catalogue import Listing
 from slideframe.crew import device_for
@@ -28,6 +28,8 @@ PRODUCT_OF: dict[StageKind, type[Product]] = {
     "solver": ParticleFrame,
     "renderer": Picture,
 }
+# how far stored positions may be from the solver's, where frames are stored in 16 bits
+ERROR = "stored_position_error_m"
 STREAMS: frozenset[StageKind] = frozenset({"solver", "renderer"})
 
 Value = TypeVar("Value")
@@ -172,7 +174,7 @@ class Bench:
             product = work(*map(_unwrap, inputs), context)
             if stage.kind in STREAMS:
                 items = self._checked_items(stage, product, inputs, context)
-                entry.write_stream(items, finish, lambda: context.first_item)
+                entry.write_stream(items, finish, lambda: context.first_item, compactly=_compactly(inputs))
             else:
                 entry.write(self._checked(stage, product), finish)
         except SlideframeError:
@@ -189,12 +191,17 @@ class Bench:
     ) -> Iterator[Product]:
         if not isinstance(items, Iterator):
             raise self._wrong(stage, items)
-        given = 0
+        given, worst = 0, 0.0
         for item in items:
             if not given and context.first_item:
                 _log.info("%s goes on from item %d", self.listings[stage.name], context.first_item)
             given += 1
-            yield self._checked(stage, item)
+            product = self._checked(stage, item)
+            if isinstance(product, ParticleFrame) and _compactly(inputs):
+                # of the frames of this run; the mass spreads, so the last ones have the largest
+                worst = max(worst, compact.largest_error(product.positions))
+                context.figure(ERROR, worst)
+            yield product
         count = context.first_item + given
         expected = _expected_items(inputs)
         if count != expected:
@@ -232,6 +239,11 @@ def _named_files(value: object) -> Iterator[Path]:
             yield from _named_files(item)
     elif isinstance(value, Path):
         yield from sorted(path for path in value.rglob("*") if path.is_file()) if value.is_dir() else [value]
+
+
+def _compactly(inputs: tuple[Keyed[Any] | ProblemModel, ...]) -> bool:
+    """Whether the problem asks for frames in 16 bits."""
+    return any(isinstance(item, SimulationProblem) and item.simulation.stored_frames == "compact" for item in inputs)
 
 
 def _expected_items(inputs: tuple[Keyed[Any] | ProblemModel, ...]) -> int:

@@ -226,9 +226,9 @@ class ParticleFrame(Product):
     """
 
     time: float
-    positions: Annotated[Float32Array, Array(("particle", 3), "float32", "m")]
-    velocities: Annotated[Float32Array, Array(("particle", 3), "float32", "m/s")]
-    deformation_gradients: Annotated[Float32Array, Array(("particle", 3, 3), "float32", "1")]
+    positions: Annotated[Float32Array, Array(("particle", 3), "float32", "m", compact="fixed")]
+    velocities: Annotated[Float32Array, Array(("particle", 3), "float32", "m/s", compact="half")]
+    deformation_gradients: Annotated[Float32Array, Array(("particle", 3, 3), "float32", "1", compact="half")]
     escaped: int = 0
     mean_stresses: Annotated[Float32Array, Array(("stressed_particle",), "float32", "Pa")] = Field(
         default_factory=lambda: np.zeros(0, np.float32)

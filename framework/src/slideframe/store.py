@@ -22,6 +22,7 @@ from typing import Any, Generic, TypeVar, cast, overload
 import numpy as np
 from PIL import Image
 
+from slideframe import compact
 from slideframe.arrays import Array, Product
 from slideframe.errors import StoreError
 
@@ -156,11 +157,17 @@ class Entry:
         return count
 
     def write_stream(
-        self, items: Iterable[Product], finish: Callable[[], dict[str, Any]], first: Callable[[], int] = lambda: 0
+        self,
+        items: Iterable[Product],
+        finish: Callable[[], dict[str, Any]],
+        first: Callable[[], int] = lambda: 0,
+        *,
+        compactly: bool = False,
     ) -> None:
         """Store items one by one as they come, holding one in memory.
 
         `first` tells, once an item has come, which it is: those before it are kept as an earlier run stored them.
+        `compactly`: in 16 bits a number where an array's declaration says how.
         """
         with self._being_written(keep=True) as partial:
             length, content = 0, hashlib.sha256()
@@ -176,7 +183,7 @@ class Entry:
                 if not started:
                     length, started = start(), True
                 being_written = partial / f"{_item_name(length)}.partial"
-                write_product(being_written, item)
+                write_product(being_written, item, compactly=compactly)
                 with storing(partial):
                     being_written.rename(partial / _item_name(length))
                 _add_folder(content, partial / _item_name(length))
@@ -241,14 +248,14 @@ class Store:
         return Entry(self.folder / f"{kind}-{key}")
 
 
-def write_product(folder: Path, product: Product) -> None:
-    """Write a product's arrays and other fields into a new folder."""
+def write_product(folder: Path, product: Product, *, compactly: bool = False) -> None:
+    """Write a product's arrays and other fields into a new folder; `compactly`: in 16 bits where declared possible."""
     with storing(folder):
         folder.mkdir(parents=True)
         arrays = product.array_fields()
         plain: dict[str, Any] = product.model_dump(mode="json", exclude=set(arrays) | _nested(type(product)))
         for name, declared in arrays.items():
-            _write_array(folder, name, declared, getattr(product, name))
+            _write_array(folder, name, declared, getattr(product, name), compactly)
         for name in _nested(type(product)):
             write_product(folder / name, getattr(product, name))
         _write_json(folder / "fields.json", plain)
@@ -284,9 +291,13 @@ def _nested(product: type[Product]) -> set[str]:
     }
 
 
-def _write_array(folder: Path, name: str, declared: Array, value: np.ndarray[Any, Any]) -> None:
+def _write_array(
+    folder: Path, name: str, declared: Array, value: np.ndarray[Any, Any], compactly: bool = False
+) -> None:
     if declared.axes == _IMAGE_AXES:
         Image.fromarray(value).save(folder / f"{name}.png", compress_level=1)
+    elif compactly and declared.compact:
+        compact.write(folder, name, value, declared.compact)
     else:
         np.save(folder / f"{name}.npy", value, allow_pickle=False)
 
@@ -295,6 +306,9 @@ def _read_array(folder: Path, name: str, declared: Array) -> np.ndarray[Any, Any
     if declared.axes == _IMAGE_AXES:
         with Image.open(folder / f"{name}.png") as image:
             return np.asarray(image)
+    decoded = compact.read(folder, name) if declared.compact else None
+    if decoded is not None:
+        return decoded
     return np.asarray(np.load(folder / f"{name}.npy", mmap_mode="r", allow_pickle=False))
 
 

@@ -22,6 +22,11 @@ class Simulation(ProblemModel):
     gravity: Vector = Field(default=(0.0, 0.0, -9.81), description="m/s2")
     cfl: float = Field(default=0.4, gt=0, lt=1, description="share of a cell that a wave may cross in one substep")
     precision: Literal["float32", "float64"] = "float32"
+    stored_frames: Literal["whole", "compact"] = Field(
+        default="whole",
+        description="compact: half the disk; positions to 1/131070 of the mass's extent, velocities and deformations "
+        "to 1/2048 of themselves",
+    )
     record_stress: bool = Field(default=False, description="whether frames carry every particle's stress invariants")
 
     @model_validator(mode="after")
