@@ -9,14 +9,10 @@ from slideframe.testing.solver_scenes import block_filling, sand_problem
 # physics.md, "Agreement ladder".
 MOMENTUM_TOLERANCE = 1e-5
 FIELD_TOLERANCE = 1e-3
-# physics.md's gate at a = 2, between the two branches of the measured law
-RUN_OUT_BAND = (2.4, 3.6)
 LONG_TOLERANCE_TO_REFERENCE = 0.02
 LONG_TOLERANCE_BETWEEN = 0.01
 # float64 in all three: what is left is the order of sums, and the rounding of float32 output.
 FLOAT64_TOLERANCE = 1e-6
-# Elastic energy and rounding may lift the sum by this share of the energy set free.
-ENERGY_TOLERANCE = 1e-3
 
 
 def relative(mine, theirs):
@@ -113,35 +109,3 @@ def test_a_stronger_sand_breaks_the_agreement(motion):
             motion("mpm_warp", filling, problem)[-1],
             LONG_TOLERANCE_TO_REFERENCE,
         )
-
-
-def test_collapse_comes_to_lie_at_a_plausible_run_out(motion, solver):
-    """Lube et al. 2005, plane: (L - L0) / L0 = 1.2 a for a < 1.8, 1.9 a^(2/3) above 2.8; at a = 2 accept 2.4 to 3.6."""
-    low, high = RUN_OUT_BAND
-    assert low <= run_out(motion, solver, friction_angle=25.0) <= high
-
-
-def test_sand_of_too_much_friction_misses_the_band(motion):
-    """Negative control."""
-    assert run_out(motion, "mpm_warp", friction_angle=40.0) < RUN_OUT_BAND[0]
-
-
-def run_out(motion, solver, friction_angle):
-    """Return (L - L0) / L0 of the plane column of a = 2, with the cone that is right in plane strain."""
-    filling, problem = collapse()
-    law = {"friction_angle": friction_angle, "friction_match": "plane_strain"}
-    problem = problem.model_copy(update={"material": problem.material.model_copy(update=law)})
-    _, front, _ = deposit(motion(solver, filling, problem)[-1])
-    return (front - 0.5) / 0.5
-
-
-def test_energy_never_rises(motion, solver):
-    """Kinetic and potential energy of a collapse only fall: friction, plastic flow and transfer all dissipate."""
-    filling, problem = collapse()
-    energies = []
-    for frame in motion(solver, filling, problem):
-        speed = frame.velocities.astype(np.float64)
-        energies.append(0.5 * (speed**2).sum(axis=1).mean() + 9.81 * frame.positions[:, 2].mean(dtype=np.float64))
-    released = energies[0] - energies[-1]
-    assert released > 0
-    assert (np.diff(energies) <= ENERGY_TOLERANCE * released).all()

@@ -11,6 +11,7 @@ from slideframe.verification import (
     elements,
     invariance,
     slopes,
+    terrain,
     vibration,
 )
 from slideframe.verification.case import Case
@@ -21,6 +22,7 @@ CASES: tuple[Case, ...] = (
     *elements.CASES,
     *conservation.CASES,
     *contact.CASES,
+    *terrain.CASES,
     *invariance.CASES,
     *slopes.CASES,
     *collapse.CASES,
