@@ -37,6 +37,13 @@ def appraise_survey(keyed: Keyed[Survey], region: Region | None) -> Appraisal:
     return appraise(keyed.value, plan_bounds(region))
 
 
+def report_on(keyed: Keyed[Survey], region: Region | None) -> list[str]:
+    """Return what an engineer in the field reads of a stored survey."""
+    from slideframe.quality.page import report_lines
+
+    return report_lines(appraise_survey(keyed, region), keyed.entry.manifest["figures"])
+
+
 def survey_result(keyed: Keyed[Survey], appraisal: Appraisal, computed: bool) -> dict[str, Any]:
     """Return what `result.json` says of the survey: its stage's figures, then the appraisal's."""
     manifest = keyed.entry.manifest

@@ -232,9 +232,28 @@ def test_two_cameras_of_one_survey_keep_lenses_of_their_own(run) -> None:
     assert known.centre_error(survey).max() < CENTRE
 
 
-def test_surveyed_points_free_the_focal_length_and_check_it(
-    run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def surveyed(tmp_path: Path):
+    """Write eight points of a survey as its photographs show them, five control and three check."""
+
+    def write(known: KnownSurvey, raised: float = 0.0) -> Path:
+        chosen = [int(n) for n in np.argsort(np.abs(known.points[:, :2] / [35, 25]).max(axis=1))[::25][:8]]
+        geodetic = geodetic_from_enu(known.points, ORIGIN) + np.array([0.0, 0.0, raised])
+        lines = ["name,role,latitude,longitude,ellipsoidal_height,photograph,column,row"]
+        for place, number in enumerate(chosen):
+            latitude, longitude, height = geodetic[number]
+            point = f"P{place},{'control' if place < 5 else 'check'},{latitude:.10f},{longitude:.10f},{height:.4f}"
+            for index, seen in enumerate(known.sightings):
+                if number in seen:
+                    lines.append(f"{point},{index:02d}.jpg,{seen[number][0]},{seen[number][1]}")
+        path = tmp_path / "points.csv"
+        path.write_text("\n".join(lines))
+        return path
+
+    return write
+
+
+def test_surveyed_points_free_the_focal_length_and_check_it(run, surveyed) -> None:
     """Straight down from one height, with a focal length 1.5 % off, which only the control points tell."""
     known = KnownSurvey()
     known.angles[:, 1] = -90.0
@@ -245,21 +264,7 @@ def test_surveyed_points_free_the_focal_length_and_check_it(
     for seen in known.sightings:
         for number in seen:
             seen[number] = centre + 1.015 * (seen[number] - centre)
-    chosen = [int(n) for n in np.argsort(np.abs(known.points[:, :2] / [35, 25]).max(axis=1))[::25][:8]]
-    geodetic = geodetic_from_enu(known.points, ORIGIN)
-    lines = ["name,role,latitude,longitude,ellipsoidal_height,photograph,column,row"]
-    for place, number in enumerate(chosen):
-        role = "control" if place < 5 else "check"
-        for index, seen in enumerate(known.sightings):
-            if number in seen:
-                latitude, longitude, height = geodetic[number]
-                column, row = seen[number]
-                lines.append(
-                    f"P{place},{role},{latitude:.10f},{longitude:.10f},{height:.4f},{index:02d}.jpg,{column},{row}"
-                )
-    table = tmp_path / "points.csv"
-    table.write_text("\n".join(lines))
-    survey, context = run(known, control=table)
+    survey, context = run(known, control=surveyed(known))
     assert context.figures["focal_length_rule"] == "free: 5 control points determine it"
     roles = [point.role for point in survey.ground_points]
     assert roles == ["control"] * 5 + ["check"] * 3
@@ -277,3 +282,10 @@ def test_control_of_other_photographs_is_refused(run, tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match="none of the photographs"):
         run(KnownSurvey(), control=table)
+
+
+def test_surveyed_points_of_another_height_level_are_refused(run, surveyed) -> None:
+    known = KnownSurvey()
+    with pytest.raises(InputError, match=r"see the surveyed points \+0\.\d, [+-]0\.\d, \+48\.\d m") as error:
+        run(known, control=surveyed(known, raised=-48.0))
+    assert "geoid_offset" in str(error.value)

@@ -25,6 +25,7 @@ from slideframe.problem import Site
 from slideframe.run_folder import LOG, JsonLines, RunFolder
 from slideframe.stages import StageKind
 from slideframe.store import Store
+from slideframe.survey_folder import report_on
 
 _log = logging.getLogger("slideframe")
 
@@ -170,6 +171,8 @@ def _run(options: RunOptions, config: RunConfig) -> int:
                     _deliver_what_there_is(run_folder, config, bench, watch)
                 raise
             run_folder.deliver(config, bench, options.film, watch.delivering)
+    if options.until == "pose_source":
+        print("\n".join([*report_on(bench.results["pose_source"], config.region), ""]))
     print_result(out)
     return 0
 

@@ -5,7 +5,6 @@ from itertools import pairwise
 import numpy as np
 
 from slideframe.arrays import Float64Array
-from slideframe.products import Camera
 from slideframe_pose_rtk.flight import Flight
 from slideframe_pose_rtk.sessions import sessions_of
 
@@ -20,8 +19,10 @@ def choose_pairs(flight: Flight, partners: int) -> list[Pair]:
     """Return pairs (first < second) in order, up to `partners` chosen by each photograph, and those taken in turn.
 
     The ground is taken as level at the median of the metadata's heights above take-off: good enough
-    to rank partners. A photograph of unknown orientation chooses its nearest ones, twice as many. Photographs
-    taken one after the other show the same ground even where a position is false.
+    to rank partners. They are taken from all four sides first, because along a strip alone there may be more
+    good ones than `partners`, and strips would hang together by nothing. A photograph of unknown orientation
+    chooses its nearest ones, twice as many. Photographs taken one after the other show the same ground even where
+    a position is false.
     """
     score = shared_view(flight)
     distance = np.linalg.norm(flight.positions[:, None] - flight.positions[None], axis=-1)
@@ -29,14 +30,23 @@ def choose_pairs(flight: Flight, partners: int) -> list[Pair]:
     for index in range(len(flight)):
         if flight.oriented[index]:
             order = np.lexsort((distance[index], -score[index]))
-            chosen = [other for other in order if score[index, other] > 0][:partners]
+            good = order[score[index, order] > 0]
+            chosen = _from_all_sides(good, flight.positions[good] - flight.positions[index], partners)
         else:
             order = np.argsort(distance[index], kind="stable")
-            chosen = [other for other in order if other != index][: 2 * partners]
-        pairs.update((min(index, int(other)), max(index, int(other))) for other in chosen)
+            chosen = [int(other) for other in order if other != index][: 2 * partners]
+        pairs.update((min(index, other), max(index, other)) for other in chosen)
     for session in sessions_of(flight.records):
         pairs.update((min(one, other), max(one, other)) for one, other in pairwise(session.indices.tolist()))
     return sorted(pairs)
+
+
+def _from_all_sides(ranked: np.ndarray, offsets: Float64Array, most: int) -> list[int]:
+    """Return the best of those ranked: an eighth of `most` from each quarter of the horizon, then whoever is next."""
+    quarter = np.floor(np.arctan2(offsets[:, 1], offsets[:, 0]) / (np.pi / 2) + 0.5).astype(int) % 4
+    first = np.concatenate([np.flatnonzero(quarter == side)[: max(1, most // 8)] for side in range(4)])
+    rest = np.setdiff1d(np.arange(len(ranked)), first)
+    return [int(other) for other in ranked[np.concatenate([np.sort(first), rest])[:most]]]
 
 
 def shared_view(flight: Flight) -> Float64Array:
@@ -48,14 +58,14 @@ def shared_view(flight: Flight) -> Float64Array:
     count = len(flight)
     height = ground_height(flight)
     axes = flight.rotations[:, :, 2]
+    lenses = _lenses(flight)
     score = np.zeros((count, count))
     for index in np.flatnonzero(flight.oriented):
         ground = _footprint(flight, int(index), height)
-        for other in np.flatnonzero(flight.oriented):
-            if other != index and len(ground):
-                camera = flight.cameras[flight.camera_of[other]]
-                seen = _sees(camera, flight.rotations[other], flight.positions[other], ground)
-                score[index, other] = seen.mean() * max(0.0, float(axes[index] @ axes[other]))
+        if len(ground):
+            score[index] = _seen_share(flight, lenses, ground) * np.maximum(0.0, axes @ axes[index])
+    score[:, ~flight.oriented] = 0.0
+    np.fill_diagonal(score, 0.0)
     return score
 
 
@@ -83,11 +93,22 @@ def _footprint(flight: Flight, index: int, height: float) -> Float64Array:
     return points
 
 
-def _sees(camera: Camera, rotation: Float64Array, position: Float64Array, points: Float64Array) -> np.ndarray:
-    """Return (point,) whether a point lies within the picture, distortion neglected."""
-    x, y, depth = ((points - position) @ rotation).T
-    ahead = np.maximum(depth, 1e-9)
-    column = camera.focal_x * x / ahead + camera.principal_x
-    row = camera.focal_y * y / ahead + camera.principal_y
-    inside: np.ndarray = (depth > 0) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-    return inside
+def _lenses(flight: Flight) -> Float64Array:
+    """Return focal lengths, principal point and size (photograph, 6), px."""
+    rows = [
+        (camera.focal_x, camera.focal_y, camera.principal_x, camera.principal_y, camera.width, camera.height)
+        for camera in flight.cameras
+    ]
+    return np.array(rows, np.float64)[list(flight.camera_of)]
+
+
+def _seen_share(flight: Flight, lenses: Float64Array, points: Float64Array) -> Float64Array:
+    """Return for each photograph the share of points (point, 3) within its picture, distortion neglected."""
+    in_camera = np.matmul(points[None] - flight.positions[:, None], flight.rotations)
+    ahead = np.maximum(in_camera[:, :, 2], 1e-9)
+    focal_x, focal_y, principal_x, principal_y, width, height = lenses.T[:, :, None]
+    column = focal_x * in_camera[:, :, 0] / ahead + principal_x
+    row = focal_y * in_camera[:, :, 1] / ahead + principal_y
+    inside = (in_camera[:, :, 2] > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    share: Float64Array = inside.mean(axis=1)
+    return share

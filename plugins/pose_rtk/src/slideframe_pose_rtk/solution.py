@@ -5,6 +5,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from slideframe.products import Camera, GroundPoint
 from slideframe.stages import Context
 from slideframe_pose_rtk.adjustment import (
@@ -22,7 +24,7 @@ from slideframe_pose_rtk.intake import names, require_enough
 from slideframe_pose_rtk.lens import camera_from_lens
 from slideframe_pose_rtk.resection import resect
 from slideframe_pose_rtk.sessions import Session
-from slideframe_pose_rtk.sighted import add_control, compare
+from slideframe_pose_rtk.sighted import add_control, compare, require_one_datum
 from slideframe_pose_rtk.sparse import SparsePoints, sparse_points
 from slideframe_pose_rtk.trust import Trust, warn_of_positions, weigh
 
@@ -112,6 +114,9 @@ def solve_by_refinement(found: Correspondences) -> Solution:
         if number == len(rounds) - 1:
             trust = _settle(found, reconstruction, accepted, fixed)
         poses = poses_of(reconstruction)
+        if number == 0:
+            seen = compare(found.targets, poses, flight.cameras, dict(enumerate(flight.camera_of)))
+            require_one_datum(seen, np.median(flight.position_sigma, axis=0), str(flight.folder))
         for control in fixed:
             reconstruction.delete_point3D(control)
         lenses = [adjusted_lens(reconstruction, lens) for lens in lenses]
