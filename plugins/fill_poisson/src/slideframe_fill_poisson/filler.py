@@ -14,10 +14,11 @@ from slideframe.release.plan import Plan, plan_of
 from slideframe.release.slip_surface import release_grid
 from slideframe.stages import Context, VolumeFiller
 from slideframe_fill_poisson.appearance import SoilColors
-from slideframe_fill_poisson.coupling import STAYS, carriers
+from slideframe_fill_poisson.coupling import STAYS, Standing, carriers
 from slideframe_fill_poisson.excavation import excavate, ground_of, room_above, room_of, soil_body
 from slideframe_fill_poisson.interior import Mode, interior_splats
-from slideframe_fill_poisson.lattice import Lattice, place_particles
+from slideframe_fill_poisson.lattice import Lattice
+from slideframe_fill_poisson.placement import Placement, fill_body
 from slideframe_fill_poisson.rays import Body
 from slideframe_fill_poisson.refusals import outside, require_mass, too_thin
 from slideframe_fill_poisson.scar import scar_splats
@@ -44,6 +45,8 @@ from slideframe_fill_poisson.surface import (
 
 LEAST_SUPPORT = 100  # splats; fewer don't make a surface
 STEPS = 6
+RESCALING_TO_TELL = 0.03
+GROUND_SPACINGS = 1.5
 
 
 class PoissonFiller(VolumeFiller):
@@ -55,6 +58,10 @@ class PoissonFiller(VolumeFiller):
     mode: Mode = Field(
         default="engineering",
         description="interior splats: 'paper' 1, 1.5 and 2 times as large as deep, 'engineering' never out of the soil",
+    )
+    placement: Placement = Field(
+        default="lattice",
+        description="particles in the middles of cells as in the paper, anywhere in their cells, or as blue noise",
     )
     interior_opacity: float = Field(default=0.95, gt=0, le=1, description="opacity of interior splats")
     color_neighbours: int = Field(
@@ -89,6 +96,9 @@ class PoissonFiller(VolumeFiller):
     standing_height: float = Field(
         default=3.0, ge=0, description="splats up to this height over the surface move with the soil, m"
     )
+    standing: Standing = Field(
+        default="move", description="what stands on the mass (plants, structures): it moves with it or stays in the air"
+    )
 
     def fill(self, survey: Survey, splats: SplatCloud, problem: FillingProblem, context: Context) -> Filling:
         """Return the soil of the region, one particle to a lattice cell, what rides on it, and what stays."""
@@ -109,7 +119,7 @@ class PoissonFiller(VolumeFiller):
         pit = excavate(soil, room)
         require_mass(pit.mass, region, plan, grid, problem.particle_spacing)
         bounds = _bounds(plan, pit.mass)
-        positions, volumes = _particles(pit.mass, Lattice(bounds, spacing), context)
+        positions, volumes = _particles(pit.mass, Lattice(bounds, spacing), self.placement, context)
         context.progress(3, STEPS, particles=len(positions))
         colors = SoilColors(_subset(splats, support.indices), surface.vertices, self.color_neighbours, self.palette)
         body = _body(soil.mesh())
@@ -118,7 +128,7 @@ class PoissonFiller(VolumeFiller):
         scar = scar_splats(
             pit.terrain.only(pit.terrain.origins != GROUND), surface, body, support.spacing, spacing, colors
         )
-        moving = carriers(splats, positions, surface, plan, grid, spacing, self.standing_height)
+        moving = carriers(splats, positions, surface, plan, grid, spacing, self._moving_height(support))
         context.figure("moving_splats", int((moving != STAYS).sum()))
         context.progress(5, STEPS)
         shown = _trimmed(ground, support, self._limits(support))
@@ -142,6 +152,11 @@ class PoissonFiller(VolumeFiller):
 
     def _margin(self, plan: Plan) -> float:
         return self.margin * float((plan.bounds[1] - plan.bounds[0]).max())
+
+    def _moving_height(self, support: Support) -> float:
+        """Return up to which height over the ground splats move; the ground itself is a spacing or two thick."""
+        thickness = GROUND_SPACINGS * support.spacing
+        return max(self.standing_height, thickness) if self.standing == "move" else thickness
 
     def _limits(self, support: Support) -> tuple[float, float]:
         return self.observed_spacings * support.spacing, self.extrapolated_spacings * support.spacing
@@ -204,10 +219,13 @@ class PoissonFiller(VolumeFiller):
             context.warn(f"{1 - meshed.mean():.1%} of the region has no surface and was left without soil")
 
 
-def _particles(mass: Solid, lattice: Lattice, context: Context) -> tuple[Float32Array, Float32Array]:
+def _particles(
+    mass: Solid, lattice: Lattice, placement: Placement, context: Context
+) -> tuple[Float32Array, Float32Array]:
     """Fill the mass, and let the particles share what is too thin for one of its own."""
-    soil = _body(mass.mesh()).stretches(*lattice.columns())
-    positions, volumes = place_particles(soil, lattice)
+    body = _body(mass.mesh())
+    soil = body.stretches(*lattice.columns())
+    positions, volumes = fill_body(body, soil, lattice, placement, context.seed)
     if not len(positions):
         raise too_thin(mass.volume, lattice.spacing)
     area = mass.plan_area()
@@ -218,6 +236,11 @@ def _particles(mass: Solid, lattice: Lattice, context: Context) -> tuple[Float32
     context.figure("maximum_depth_m", float(np.bincount(soil.lines, soil.tops - soil.bottoms).max()))
     context.figure("particles", len(volumes))
     context.figure("volume_rescaling_percent", 100 * (share - 1))
+    if abs(share - 1) > RESCALING_TO_TELL:
+        context.warn(
+            f"particles {lattice.spacing:g} m apart hold {1 / share:.0%} of the mass's volume and were scaled to all "
+            "of it: it is thin for them, a finer grid_spacing would tell more"
+        )
     return positions, (volumes * share).astype(np.float32)
 
 

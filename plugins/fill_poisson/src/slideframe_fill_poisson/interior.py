@@ -44,7 +44,7 @@ def interior_splats(
     for first in range(0, count, SPLATS_AT_ONCE):
         part = slice(first, first + SPLATS_AT_ONCE)
         points = positions[part]
-        foot, vertex = surface.nearest(points)
+        foot, vertex = surface.nearest_of_many(points, spacing)
         towards = (foot - points).astype(np.float64)
         depth = np.maximum(np.linalg.norm(towards, axis=1), LEAST_DEPTH)
         axes = axes_about(towards / depth[:, None])

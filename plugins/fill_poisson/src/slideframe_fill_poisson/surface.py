@@ -16,6 +16,8 @@ CUBE_SCALE = 1.1
 # The solver sums over threads in the order in which they finish; one thread gives the same bits every time.
 POISSON_THREADS = 1
 POINTS_AT_ONCE = 2_000_000
+BLOCK_SPACINGS = 3.0  # side of the blocks of deep points that share their nearest point of the surface
+DEEP = 6.0  # half diagonals of a block
 
 
 class Surface:
@@ -45,6 +47,26 @@ class Surface:
             shares = np.column_stack([1 - along.sum(axis=1), along])
             corner = self.triangles[found["primitive_ids"].numpy()]
             vertex[part] = np.take_along_axis(corner, shares.argmax(axis=1)[:, None], axis=1)[:, 0]
+        return foot, vertex
+
+    def nearest_of_many(self, points: Float32Array, spacing: float) -> tuple[Float32Array, Int32Array]:
+        """Return what `nearest` does, for points that fill a volume and lie about `spacing` metres apart.
+
+        Deep points of a block share the nearest point of the block's middle: where that is DEEP half diagonals
+        away, the distance is too long by 1 / (2 DEEP^2) at most, 1.4 %.
+        """
+        foot, vertex = np.empty((len(points), 3), np.float32), np.empty(len(points), np.int32)
+        side = BLOCK_SPACINGS * spacing
+        low = points.min(axis=0)
+        place = ((points - low) / side).astype(np.int64)
+        keys, block = np.unique((place[:, 0] << 42) + (place[:, 1] << 21) + place[:, 2], return_inverse=True)
+        index = np.stack([keys >> 42, (keys >> 21) & (2**21 - 1), keys & (2**21 - 1)], axis=1)
+        middle = (low + side * (index + 0.5)).astype(np.float32)
+        block_foot, block_vertex = self.nearest(middle)
+        deep = np.linalg.norm(block_foot - middle, axis=1) > DEEP * side * np.sqrt(3) / 2
+        shared = deep[block]
+        foot[shared], vertex[shared] = block_foot[block[shared]], block_vertex[block[shared]]
+        foot[~shared], vertex[~shared] = self.nearest(points[~shared])
         return foot, vertex
 
     def top(self, x: Float64Array, y: Float64Array) -> Float64Array:
