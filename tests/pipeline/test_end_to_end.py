@@ -65,7 +65,7 @@ def test_figures_are_those_of_a_site(place):
     for axis in ("east", "north", "up"):
         assert figures["pose_source"][f"centre_residual_{axis}_m"] < MOST_CENTRE_RESIDUAL_M
     assert figures["reconstructor"]["held_out_psnr_db"] > LEAST_PSNR_DB
-    assert abs(figures["volume_filler"]["volume_error_percent"]) < 0.5
+    assert abs(figures["volume_filler"]["volume_rescaling_percent"]) < 0.5
     assert figures["solver"]["escaped_particles"] == 0
     assert figures["solver"]["final_potential_energy_j"] < 0
     assert figures["renderer"]["frames_per_second"] > 0
@@ -111,7 +111,7 @@ def test_the_recording_is_sound_and_holds_every_product(place):
     schema = reader.store().schema()
     entities = set(schema.entity_paths())
     assert entities >= {
-        "/survey/points", "/reconstruction/splats", "/volume/surface", "/volume/inferred", "/motion/splats",
+        "/survey/points", "/reconstruction/splats", "/volume/surface", "/volume/by_depth", "/motion/splats",
         "/motion/particles", "/film", "/map/thickness", "/figures/energy/kinetic", "/figures/travel/front",
         "/figures/mass/moving", "/figures/volume/outside", "/report/result", "/report/config",
     }  # fmt: skip

@@ -8,8 +8,9 @@ from slideframe.record.blueprint import Eye
 from slideframe.record.film import log_film
 from slideframe.record.motion import log_motion
 from slideframe.record.report import log_report
-from slideframe.record.scene import log_filling, log_splats, log_survey, log_survey_maps
+from slideframe.record.scene import log_splats, log_survey, log_survey_maps
 from slideframe.record.stream import Recording
+from slideframe.record.volume import log_filling
 
 __all__ = [
     "Eye",

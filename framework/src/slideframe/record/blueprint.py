@@ -29,7 +29,20 @@ def blueprint(eye: Eye | None, active_tab: int = 0) -> rrb.Blueprint:
                 *(rrb.Spatial2DView(origin=f"/survey/maps/{name}", name=name.capitalize()) for name in SURVEY_MAPS),
                 name="Survey",
             ),
-            space("Volume", "/volume/**"),
+            rrb.Horizontal(
+                rrb.Tabs(
+                    space("Surface", "/volume/surface", "/volume/outline"),
+                    space("Slip surface", "/volume/slip_surface", "/volume/outline"),
+                    space("Depth", "/volume/by_depth", "/volume/slip_surface", "/volume/outline"),
+                    space("Observed and inferred", "/volume/by_origin", "/volume/outline"),
+                ),
+                rrb.Vertical(
+                    rrb.Spatial2DView(origin="/volume/section", name="Section"),
+                    rrb.TextDocumentView(origin="/volume/numbers", name="Numbers"),
+                ),
+                column_shares=[3, 2],
+                name="Volume",
+            ),
             space("Particles", "/motion/particles"),
             rrb.Horizontal(
                 rrb.TextDocumentView(origin="/report/result", name="Result"),

@@ -9,8 +9,10 @@ from slideframe.record.blueprint import Eye
 from slideframe.record.film import log_film
 from slideframe.record.motion import log_motion
 from slideframe.record.report import log_report
-from slideframe.record.scene import log_filling, log_splats, log_survey, log_survey_maps
+from slideframe.record.scene import log_splats, log_survey, log_survey_maps
 from slideframe.record.stream import Recording
+from slideframe.record.volume import log_filling
+from slideframe.release.plan import plan_of
 from slideframe.showing import soil_bounds
 from slideframe.stages import StageKind
 
@@ -51,7 +53,8 @@ def record_run(
     if "reconstructor" in values:
         log_splats(stream, values["reconstructor"])
     if "volume_filler" in values:
-        log_filling(stream, values["volume_filler"])
+        plan = plan_of(config.region, values["pose_source"].georeference)
+        log_filling(stream, values["volume_filler"], plan)
     if "renderer" in values:
         left_out += log_film(stream, values["renderer"], config.simulation.frame_rate)
     if "solver" in values:

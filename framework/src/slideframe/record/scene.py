@@ -3,19 +3,15 @@
 import io
 from collections.abc import Mapping
 
-import numpy as np
 import rerun as rr
 from PIL import Image
 
 from slideframe.photographs import load_photograph
-from slideframe.products import Filling, SplatCloud, Survey
-from slideframe.record.drawing import DRAWN_SPLATS, jpeg, real_part_last, rgba, spacing_of, thinned
+from slideframe.products import SplatCloud, Survey
+from slideframe.record.drawing import DRAWN_SPLATS, jpeg, real_part_last, rgba, thinned
 
 PHOTOGRAPH_WIDTH = 480
 DRAWN_PHOTOGRAPHS = 120
-OBSERVED_COLOR = (90, 170, 120)
-INFERRED_COLOR = (200, 120, 60)
-SUPPORT_COLORS = np.array([OBSERVED_COLOR, (230, 190, 60), INFERRED_COLOR], np.uint8)
 
 
 def log_survey(stream: rr.RecordingStream, survey: Survey) -> None:
@@ -62,24 +58,5 @@ def log_splats(stream: rr.RecordingStream, splats: SplatCloud) -> None:
             scales=splats.scales[drawn],
             quaternions=real_part_last(splats.rotations[drawn]),
         ),
-        static=True,
-    )
-
-
-def log_filling(stream: rr.RecordingStream, filling: Filling) -> None:
-    """Log the surface, coloured by its support, and the inferred particles beside the observed ones."""
-    stream.log(
-        "volume/surface",
-        rr.Mesh3D(
-            vertex_positions=filling.surface_vertices,
-            triangle_indices=filling.surface_triangles,
-            vertex_colors=SUPPORT_COLORS[filling.surface_support],
-        ),
-        static=True,
-    )
-    drawn = thinned(len(filling.particle_positions), DRAWN_SPLATS)
-    stream.log(
-        "volume/inferred",
-        rr.Points3D(filling.particle_positions[drawn], colors=INFERRED_COLOR, radii=0.3 * spacing_of(filling)),
         static=True,
     )
