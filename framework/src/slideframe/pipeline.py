@@ -8,8 +8,9 @@ from slideframe.bench import Bench, Keyed
 from slideframe.config import RunConfig
 from slideframe.crew import Crew
 from slideframe.errors import ConfigurationError
-from slideframe.problem import FlatBase, MeshRegion, OrbitView, Region, View
+from slideframe.problem import OrbitView, Region, View
 from slideframe.products import Picture, Survey
+from slideframe.release.coverage import require_base_below
 from slideframe.release.plan import plan_of, swapped_plan
 
 # Shares of the film at which the camera's way is checked.
@@ -28,7 +29,7 @@ def run(config: RunConfig, crew: Crew, bench: Bench) -> Keyed[Sequence[Picture]]
 
 
 def require_region_in_survey(survey: Survey, region: Region) -> None:
-    """Refuse a region without a single sparse point, before hours are spent on splats.
+    """Refuse a region without a single sparse point, or with a base above them, before hours are spent on splats.
 
     Raises:
         ConfigurationError: with the extent that the survey covers, and whether the axes are swapped.
@@ -39,13 +40,12 @@ def require_region_in_survey(survey: Survey, region: Region) -> None:
         return
     plan = plan_of(region, survey.georeference)
     inside = plan.contains(points[:, 0], points[:, 1])
-    flat = None if isinstance(region, MeshRegion) else region.slip_surface
-    deep_enough = not isinstance(flat, FlatBase) or points[inside, 2].max(initial=-np.inf) > flat.z_min
-    if inside.any() and deep_enough:
+    if inside.any():
+        require_base_below(region, plan, points[inside], survey.georeference)
         return
     low, high = np.percentile(points, [1, 99], axis=0)
     (west, south), (east, north) = plan.bounds
-    swapped = not inside.any() and swapped_plan(region, survey.georeference, points)
+    swapped = swapped_plan(region, survey.georeference, points)
     what = "'s axes are swapped: with y before x it would hold ground" if swapped else " holds no ground"
     raise ConfigurationError(
         f"the region{what} that the survey saw: it spans x {west:.1f} to {east:.1f}, y {south:.1f} to {north:.1f} m",

@@ -6,9 +6,11 @@ import numpy as np
 from pydantic import Field
 
 from slideframe.arrays import Float32Array, Float64Array
+from slideframe.device import Device
 from slideframe.errors import StageFailed
-from slideframe.problem import FillingProblem, MeshRegion, Share
+from slideframe.problem import FillingProblem, MeshRegion, ProblemModel, Share
 from slideframe.products import Filling, Georeference, SplatCloud, Survey
+from slideframe.release.coverage import read_region_files
 from slideframe.release.grid import ReleaseGrid
 from slideframe.release.plan import Plan, plan_of
 from slideframe.release.slip_surface import release_grid
@@ -99,6 +101,11 @@ class PoissonFiller(VolumeFiller):
     standing: Standing = Field(
         default="move", description="what stands on the mass (plants, structures): it moves with it or stays in the air"
     )
+
+    def preflight(self, problem: ProblemModel, device: Device) -> None:
+        """Read the region's files, so that a fault in them is told before anything is computed."""
+        if isinstance(problem, FillingProblem):
+            read_region_files(problem.region)
 
     def fill(self, survey: Survey, splats: SplatCloud, problem: FillingProblem, context: Context) -> Filling:
         """Return the soil of the region, one particle to a lattice cell, what rides on it, and what stays."""
