@@ -138,3 +138,11 @@ def test_nodes_follow_the_particles():
             for _ in range(50):
                 stepper.substep()
             assert stepper.layout.node_count < 100 * len(start)
+
+
+def test_the_same_bits_are_promised_on_the_processor_only():
+    stage = TaichiSolver(deterministic=True)
+    stage.preflight(SLIDING, Device())
+    with pytest.raises(ConfigurationError, match="--device cpu"):
+        stage.preflight(SLIDING, Device("cuda", 0))
+    TaichiSolver().preflight(SLIDING, Device("cuda", 0))

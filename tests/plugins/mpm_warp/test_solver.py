@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from slideframe import guards
+from slideframe.device import Device
 from slideframe.errors import ConfigurationError, StageFailed
 from slideframe.testing.evidence import digest, fresh_context
 from slideframe.testing.solver_scenes import block_filling, sand_problem
 from slideframe_mpm_warp import cores
+from slideframe_mpm_warp.runtime import kernels_in
 from slideframe_mpm_warp.solver import WarpSolver
 from slideframe_mpm_warp.stepper import Stepper
 
@@ -115,3 +117,22 @@ def test_nodes_follow_the_particles(tmp_path):
         for _ in range(50):
             stepper.substep()
         assert stepper.layout.node_count < 100 * len(start)
+
+
+def test_the_same_bits_are_promised_on_the_processor_only():
+    stage = WarpSolver(deterministic=True)
+    stage.preflight(SLIDING, Device())
+    with pytest.raises(ConfigurationError, match="--device cpu"):
+        stage.preflight(SLIDING, Device("cuda", 0))
+    WarpSolver().preflight(SLIDING, Device("cuda", 0))
+
+
+def test_the_code_for_cards_compiles_without_a_card(tmp_path):
+    """For NVIDIA's Hopper, with the compiler that Warp brings along; it has not run on one."""
+    import warp as wp
+
+    package = kernels_in("float32", "cpu", True)
+    for name in ("layout", "boundaries", "transfers", "rendering"):
+        module = sys.modules[f"{package.__name__}.{name}"]
+        wp.compile_aot_module(module, arch=90, module_dir=tmp_path / name, strip_hash=False)
+        assert list((tmp_path / name).glob("*.ptx")) + list((tmp_path / name).glob("*.cubin"))

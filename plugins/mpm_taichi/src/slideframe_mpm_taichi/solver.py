@@ -7,8 +7,10 @@ import numpy as np
 from pydantic import Field
 
 from slideframe.checkpoint import Checkpoints
+from slideframe.device import Device
+from slideframe.errors import ConfigurationError
 from slideframe.guards import Pace, check_memory, check_motion, check_start, start_frame
-from slideframe.problem import SimulationProblem
+from slideframe.problem import ProblemModel, SimulationProblem
 from slideframe.products import Filling, ParticleFrame
 from slideframe.stages import Context, Solver
 from slideframe.tiles import estimate_nodes
@@ -26,6 +28,19 @@ class TaichiSolver(Solver):
         ge=0,
         description="output frames from one checkpoint to the next, for a run that breaks off; 0: none",
     )
+
+    deterministic: bool = Field(
+        default=False, description="insist on the same bits in every run: always so on the CPU, refused on a card"
+    )
+
+    def preflight(self, problem: ProblemModel, device: Device) -> None:
+        """Refuse to promise on a card what only the CPU holds."""
+        if self.deterministic and device.kind != "cpu":
+            raise ConfigurationError(
+                "mpm_taichi gives the same bits on the CPU only: on a card threads add to a node in any order",
+                where="plugins.mpm_taichi.deterministic",
+                cure="use --device cpu, or set deterministic = false",
+            )
 
     def solve(self, filling: Filling, problem: SimulationProblem, context: Context) -> Iterator[ParticleFrame]:
         """Yield the motion; on the CPU the same input gives the same bits, whatever the number of threads."""
