@@ -5,6 +5,7 @@ import torch
 
 from slideframe.products import Camera
 from slideframe_gs_torch.checkpoint import State
+from slideframe_gs_torch.exposure import Exposures
 from slideframe_gs_torch.harmonics import C0
 from slideframe_gs_torch.optimiser import Adam
 from slideframe_gs_torch.parameters import Parameters
@@ -45,8 +46,8 @@ def random_splats(count: int, seed: int = 0) -> Splats:
     return [torch.tensor(array, dtype=torch.float32) for array in arrays]
 
 
-def training_state(splats: Splats) -> State:
-    """Return the state of a training that has come to these splats."""
+def training_state(splats: Splats, iteration: int = 0) -> State:
+    """Return the state of a training that has come to these splats and shows one photograph."""
     centers, rotations, scales, opacities, colours = splats
     raw = {
         "centers": centers,
@@ -57,7 +58,7 @@ def training_state(splats: Splats) -> State:
         "rest": torch.zeros(len(centers), (DEGREE + 1) ** 2 - 1, 3),
     }
     parameters = Parameters({name: tensor.clone().requires_grad_() for name, tensor in raw.items()})
-    return State(parameters, Adam(), torch.zeros(len(centers)), len(centers))
+    return State(parameters, Adam(), torch.zeros(len(centers)), len(centers), Exposures.of(1), iteration)
 
 
 def photograph(camera: Camera) -> TrainingView:

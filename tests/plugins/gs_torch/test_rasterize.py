@@ -232,11 +232,13 @@ def test_a_hundred_thousand_splats_on_one_pixel():
 
 def test_any_number_of_threads_gives_the_same_bits(monkeypatch):
     monkeypatch.setattr(threads, "WORTH_THREADS", 0)
+    splats = with_harmonics(scene(600), 2)  # three blocks of projection
     results = []
     for count in (1, 2, 3):
         monkeypatch.setattr(threads, "thread_count", lambda count=count: count)
-        raster, found = gradients(SCENES["random"], "numba", torch.float32)
-        results.append([raster.colour.detach(), *found])
+        raster, found = gradients(splats, "numba", torch.float32, pose=POSE_TURNED, depth=True, normals=True)
+        planes = [raster.colour, raster.alpha, raster.depth, raster.median_depth, raster.normals]
+        results.append([*(plane.detach() for plane in planes), *found])
     for other in results[1:]:
         assert all(torch.equal(one, two) for one, two in zip(results[0], other, strict=True))
 
