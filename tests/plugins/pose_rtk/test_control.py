@@ -88,6 +88,36 @@ def test_missing_columns_are_an_error_with_the_cure(tmp_path: Path) -> None:
     assert "a line for each sighting" in str(error.value)
 
 
+@pytest.mark.parametrize("system", ["EPSG:32632", "WGS84 UTM 32N", "+proj=utm +zone=32 +datum=WGS84 +units=m +no_defs"])
+def test_opendronemaps_list_says_its_system_itself(tmp_path: Path, system: str) -> None:
+    grid = from_geodetic(geodetic_from_enu(PLACES, ITALY), 32632)
+    rows = [f"{x:.4f} {y:.4f} {h:.4f} 10.5 20.5 {i}.jpg{' GCP1' * (i == 1)}" for i, (x, y, h) in enumerate(grid)]
+    targets = read_targets(ControlFile(write(tmp_path / "gcp_list.txt", system, *rows)), flight(ITALY))
+    np.testing.assert_allclose([target.position for target in targets], PLACES, atol=1e-3)
+    assert targets[1].name == "GCP1"
+    assert targets[1].sightings == {1: (10.5, 20.5)}
+    assert {target.role for target in targets} == {"control"}
+
+
+def test_opendronemaps_list_in_degrees_above_the_sea(tmp_path: Path) -> None:
+    rows = [
+        f"{longitude:.10f} {latitude:.10f} {height - 48.5:.4f} 1 1 {i}.jpg"
+        for i, (latitude, longitude, height) in enumerate(geodetic_from_enu(PLACES, ITALY))
+    ]
+    table = write(tmp_path / "gcp_list.txt", "EPSG:4326", *rows)
+    targets = read_targets(ControlFile(table, geoid=Heights(geoid_offset=48.5)), flight(ITALY))
+    np.testing.assert_allclose([target.position for target in targets], PLACES, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [(["some grid", "1 2 3 4 5 a.jpg"], "'some grid'"), (["EPSG:32632", "1 2 3"], "line 2 has 3 fields")],
+)
+def test_faults_of_opendronemaps_list_are_named(tmp_path: Path, lines: list[str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read_targets(ControlFile(write(tmp_path / "gcp_list.txt", *lines)), flight(ITALY))
+
+
 LENS = Camera(
     width=800, height=600, focal_x=550, focal_y=560, principal_x=390, principal_y=310,
     distortion=(-0.1, 0.02, 1e-3, -2e-3, 0.0),

@@ -284,6 +284,23 @@ def test_control_of_other_photographs_is_refused(run, tmp_path: Path) -> None:
         run(KnownSurvey(), control=table)
 
 
+def test_a_list_beside_the_photographs_is_used_without_being_named(
+    tmp_path: Path, photograph, drone_metadata, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = KnownSurvey()
+    folder = known.write(tmp_path / "photographs", photograph, drone_metadata)
+    number = int(np.argmin(np.abs(known.points[:, :2]).max(axis=1)))
+    latitude, longitude, height = geodetic_from_enu(known.points[[number]], ORIGIN)[0]
+    seen = [(index, sighted[number]) for index, sighted in enumerate(known.sightings) if number in sighted]
+    place = f"{longitude:.10f} {latitude:.10f} {height:.4f}"
+    lines = [f"{place} {pixel[0]} {pixel[1]} {index:02d}.jpg A" for index, pixel in seen]
+    (folder / "gcp_list.txt").write_text("\n".join(["EPSG:4326", *lines]))
+    survey, context = known.locate(folder, tmp_path / "scratch", monkeypatch)
+    assert context.figures["surveyed_points"] == 1
+    assert survey.ground_points[0].sightings == len(seen) >= 4
+    assert np.abs(survey.ground_points[0].residual).max() < 0.05
+
+
 def test_surveyed_points_of_another_height_level_are_refused(run, surveyed) -> None:
     known = KnownSurvey()
     with pytest.raises(InputError, match=r"see the surveyed points \+0\.\d, [+-]0\.\d, \+48\.\d m") as error:

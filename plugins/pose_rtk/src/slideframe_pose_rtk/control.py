@@ -14,6 +14,7 @@ from slideframe.errors import ConfigurationError, InputError
 from slideframe.geodesy import enu_from_geodetic
 from slideframe.georeferencing import ELLIPSOIDAL, Heights, to_geodetic, undulation
 from slideframe_pose_rtk.flight import Flight
+from slideframe_pose_rtk.gcp_list import read_gcp_list
 
 Role = Literal["control", "check"]
 
@@ -32,7 +33,7 @@ class ControlFile:
     """The user's file, and what its coordinates are.
 
     Attributes:
-        path: a CSV file, see docs/survey.md.
+        path: a CSV file, see docs/survey.md, or OpenDroneMap's gcp_list.txt.
         epsg: coordinate system of easting and northing; one with a vertical part says what the heights are, too.
         geoid: how far sea level lies above the ellipsoid.
     """
@@ -73,7 +74,7 @@ def read_targets(file: ControlFile, flight: Flight) -> tuple[Target, ...]:
         InputError: the file can't be read, contradicts itself, or none of its photographs is in the survey.
         ConfigurationError: its coordinates don't go with `epsg`.
     """
-    points, header = _read(file.path)
+    points, header, file = _read(file)
     positions = _local(np.array([point.place for point in points.values()]), header, file, flight)
     by_name = {flight.name(index): index for index in range(len(flight))}
     by_name |= {flight.records[index].path.name: index for index in range(len(flight))}
@@ -96,11 +97,33 @@ def require_readable(file: ControlFile) -> None:
     Raises:
         InputError, ConfigurationError: as `read_targets`.
     """
-    _, header = _read(file.path)
+    _, header, file = _read(file)
     _require_system(header, file)
 
 
-def _read(path: Path) -> tuple[dict[str, _Point], list[str]]:
+def _read(file: ControlFile) -> tuple[dict[str, _Point], list[str], ControlFile]:
+    """Return the points, the columns, and the file with its coordinate system, which a gcp_list.txt states itself."""
+    path = file.path
+    if path.suffix.lower() == ".txt":
+        epsg, rows = read_gcp_list(path)
+        header = [*(PROJECTED if epsg else GEOGRAPHIC), HEIGHTS[1] if file.geoid.undulation_given else HEIGHTS[0]]
+        columns: Sequence[str] = (*header[:2], HEIGHTS[0])
+        file = ControlFile(path, epsg, file.geoid)
+    else:
+        header, columns, rows = _table(path)
+    points: dict[str, _Point] = {}
+    for number, row in rows:
+        try:
+            _add(points, row, columns)
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"line {number} of the surveyed points: {error}", where=str(path), cure=CURE) from error
+    if not points:
+        raise InputError("the file of surveyed points is empty", where=str(path), cure=CURE)
+    return points, header, file
+
+
+def _table(path: Path) -> tuple[list[str], Sequence[str], list[tuple[int, dict[str, str]]]]:
+    """Return the header of a CSV file, the columns of a place, and each line's number with its fields."""
     try:
         lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
     except (OSError, UnicodeDecodeError) as error:
@@ -114,13 +137,7 @@ def _read(path: Path) -> tuple[dict[str, _Point], list[str]]:
     heights = [name for name in HEIGHTS if name in header]
     if len(places) != 1 or len(heights) != 1 or not {"name", *SIGHTING} <= set(header):
         raise InputError(f"its columns are {', '.join(header)}", where=str(path), cure=CURE)
-    points: dict[str, _Point] = {}
-    for number, row in enumerate(rows, 2):
-        try:
-            _add(points, row, (*places[0], heights[0]))
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"line {number} of the surveyed points: {error}", where=str(path), cure=CURE) from error
-    return points, header
+    return header, (*places[0], heights[0]), list(enumerate(rows, 2))
 
 
 def _add(points: dict[str, _Point], row: dict[str, str], columns: Sequence[str]) -> None:

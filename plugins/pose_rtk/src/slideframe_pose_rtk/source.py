@@ -67,7 +67,9 @@ class RtkPoses(PoseSource):
     )
     geoid_grid: Path | None = Field(default=None, description="the same from a grid that PROJ reads (.tif, .gtx)")
     control: Path | None = Field(
-        default=None, description="CSV of surveyed control and check points, see docs/survey.md"
+        default=None,
+        description="CSV of surveyed control and check points, see docs/survey.md; none: gcp_list.txt beside the"
+        " photographs, where there is one",
     )
     control_epsg: int | None = Field(
         default=None, description="coordinate system of their easting and northing; none: they have degrees of WGS84"
@@ -87,9 +89,9 @@ class RtkPoses(PoseSource):
 
         photographs = _photographs(site)
         model = posed_model_files(self.model) if self.model else ()
-        control = [self.control] if self.control else []
+        control = self._control_file(site)
         masks = mask_files(site.masks) if site.masks else []
-        return [*photographs, *self._sources().paths(photographs), *model, *control, *masks]
+        return [*photographs, *self._sources().paths(photographs), *model, *([control.path] if control else ()), *masks]
 
     def preflight(self, problem: ProblemModel, device: Device) -> None:
         """Require a folder with at least three photographs that tell where they were taken, and whole files beside."""
@@ -105,7 +107,7 @@ class RtkPoses(PoseSource):
             read_posed_model(self.model)
         if problem.masks:
             find_masks(photographs, mask_files(problem.masks))
-        if control := self._control_file():
+        if control := self._control_file(problem):
             require_readable(control)
 
     def locate(self, site: Site, context: Context) -> Survey:
@@ -123,8 +125,9 @@ class RtkPoses(PoseSource):
         require_baseline(flight.positions, folder)
         require_orientations(flight, LEAST_PHOTOGRAPHS)
         pictures = picture_files(flight, digests, site.masks)
-        control = self._control_file()
+        control = self._control_file(site)
         targets = read_targets(control, flight) if control else ()
+        context.figure("surveyed_points", len(targets))
         if self.model is None:
             solved, qualities = self._solve(flight, pictures, targets, context)
         else:
@@ -151,14 +154,18 @@ class RtkPoses(PoseSource):
             calibration=self.calibration,
         )
 
-    def _control_file(self) -> "ControlFile | None":
+    def _control_file(self, site: Site) -> "ControlFile | None":
+        """Return the file of surveyed points that is named, or lies beside the photographs."""
         from slideframe.georeferencing import Heights
         from slideframe_pose_rtk.control import ControlFile
+        from slideframe_pose_rtk.gcp_list import FILE
 
-        if self.control is None:
+        beside = site.photographs / FILE
+        path = self.control or (beside if beside.is_file() else None)
+        if path is None:
             return None
         geoid = Heights(geoid_offset=self.geoid_offset, geoid_grid=self.geoid_grid)
-        return ControlFile(self.control, self.control_epsg, geoid)
+        return ControlFile(path, self.control_epsg if path == self.control else None, geoid)
 
     def _solve(
         self, flight: "Flight", pictures: "list[PictureFile]", targets: "tuple[Target, ...]", context: Context
