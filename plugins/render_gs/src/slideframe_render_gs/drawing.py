@@ -10,6 +10,7 @@ from slideframe.coupling import MovedSplats
 from slideframe.problem import View
 from slideframe.products import Camera
 from slideframe_gs_torch.rasterize import rasterize
+from slideframe_render_gs.picture_kernels import write_levels
 
 # Less light than this, held back in one pixel of 8 bits, is nothing.
 LEAST_ALPHA = 1.0 / 255.0
@@ -41,7 +42,9 @@ def draw(
             frame_rotations=splats.frame_rotations if splats.harmonics.shape[1] > 1 else None,
         )
     colour = _shrunk(raster.colour.numpy(), factor)
-    fields: dict[str, Any] = {"pixels": np.rint(colour.clip(0, 1) * 255).astype(np.uint8)}
+    levels = np.empty((camera.height, camera.width, 3), np.uint8)
+    write_levels(colour, levels)
+    fields: dict[str, Any] = {"pixels": levels}
     fine_alpha = raster.alpha.numpy()
     alpha = _shrunk(fine_alpha, factor)
     if "alpha" in view.maps:
@@ -52,7 +55,7 @@ def draw(
         fields["depth"] = np.divide(weighted, alpha, out=np.zeros_like(alpha), where=alpha > 0)
     if raster.normals is not None:
         fields["normal"] = _unit(_shrunk(raster.normals.numpy() * fine_alpha[..., None], factor))
-    return fields, bool((fine_alpha > LEAST_ALPHA).any())
+    return fields, bool(fine_alpha.max() > LEAST_ALPHA)
 
 
 def _unit(vectors: Float32Array) -> Float32Array:
