@@ -12,81 +12,79 @@ from numba import njit
 
 from slideframe_render_gs.deformation_kernels import can_touch
 
-# Splats of a block, and where in it column j of every matrix begins: entry i follows LANES after entry i - 1.
-LANES = 64
-COLUMN = 3 * LANES
+# Splats of a block. A column of its matrices is one array: all first entries, all second, all third.
+# Unsigned, because a loop over numbers that might be negative isn't vectorised.
+SPLATS = 64
+LANES, SECOND, THIRD = np.uint64(SPLATS), np.uint64(SPLATS), np.uint64(2 * SPLATS)
 # Convergence is quadratic: a sweep that met no larger squared cosine than this leaves cosines of a millionth.
 ALMOST_ORTHOGONAL = np.float32(1e-6)
 MOST_SWEEPS = 10
 _TINY = np.float32(1e-30)
-_ONE, _TWO = np.float32(1), np.float32(2)
+_ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
-def turn_columns(block, p, q):
-    """Turn two columns, which begin at p and q, in their plane until they are orthogonal.
+def turn_columns(a, b):
+    """Turn two columns of every matrix in their plane until they are orthogonal.
 
     Returns whether all their squared cosines were below ALMOST_ORTHOGONAL before.
     """
-    excess = -_ONE
+    excess = _ZERO
     for lane in range(LANES):
-        a0, a1, a2 = block[p + lane], block[p + LANES + lane], block[p + 2 * LANES + lane]
-        b0, b1, b2 = block[q + lane], block[q + LANES + lane], block[q + 2 * LANES + lane]
+        a0, a1, a2 = a[lane], a[SECOND + lane], a[THIRD + lane]
+        b0, b1, b2 = b[lane], b[SECOND + lane], b[THIRD + lane]
         aa, bb, ab = a0 * a0 + a1 * a1 + a2 * a2, b0 * b0 + b1 * b1 + b2 * b2, a0 * b0 + a1 * b1 + a2 * b2
-        excess = max(excess, ab * ab - ALMOST_ORTHOGONAL * (aa * bb))
+        excess += max(ab * ab - ALMOST_ORTHOGONAL * (aa * bb), _ZERO)  # a sum: a loop for the largest isn't vectorised
         # the smaller root of t^2 + 2 zeta t - 1 with zeta = (bb - aa) / (2 ab), without dividing by ab
         apart, twice = bb - aa, _TWO * ab
         length = abs(apart) + math.sqrt(apart * apart + twice * twice) + _TINY
-        tangent = (twice if apart >= 0 else -twice) / length
+        tangent = math.copysign(_ONE, apart) * twice / length
         cosine = _ONE / math.sqrt(_ONE + tangent * tangent)
         sine = cosine * tangent
-        block[p + lane], block[q + lane] = cosine * a0 - sine * b0, sine * a0 + cosine * b0
-        block[p + LANES + lane], block[q + LANES + lane] = cosine * a1 - sine * b1, sine * a1 + cosine * b1
-        block[p + 2 * LANES + lane], block[q + 2 * LANES + lane] = cosine * a2 - sine * b2, sine * a2 + cosine * b2
-    return excess <= 0
+        a[lane], b[lane] = cosine * a0 - sine * b0, sine * a0 + cosine * b0
+        a[SECOND + lane], b[SECOND + lane] = cosine * a1 - sine * b1, sine * a1 + cosine * b1
+        a[THIRD + lane], b[THIRD + lane] = cosine * a2 - sine * b2, sine * a2 + cosine * b2
+    return excess == _ZERO
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
-def orthogonalise(block):
+def orthogonalise(first, second, third):
     """Turn the columns of every matrix of the block until they are orthogonal."""
     for _ in range(MOST_SWEEPS):
-        done = turn_columns(block, 0, COLUMN)
-        done &= turn_columns(block, 0, 2 * COLUMN)
-        done &= turn_columns(block, COLUMN, 2 * COLUMN)
+        done = turn_columns(first, second)
+        done &= turn_columns(first, third)
+        done &= turn_columns(second, third)
         if done:
             break
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
-def normalise(block, lengths, start, row):
-    """Take the lengths off the columns that begin at `start`, into a row of `lengths` (3, LANES)."""
+def normalise(column, lengths):
+    """Take the lengths off a column of every matrix, into `lengths` (lane,)."""
     for lane in range(LANES):
-        x, y, z = block[start + lane], block[start + LANES + lane], block[start + 2 * LANES + lane]
+        x, y, z = column[lane], column[SECOND + lane], column[THIRD + lane]
         length = math.sqrt(x * x + y * y + z * z)
         shrink = _ONE / (length + _TINY)
-        lengths[row, lane] = length
-        block[start + lane], block[start + LANES + lane], block[start + 2 * LANES + lane] = (
-            x * shrink, y * shrink, z * shrink,
-        )  # fmt: skip
+        lengths[lane] = length
+        column[lane], column[SECOND + lane], column[THIRD + lane] = x * shrink, y * shrink, z * shrink
 
 
 @njit(cache=True, error_model="numpy")
-def load(block, lane, F, axes):
-    """Write M = F A into a lane of the block."""
+def load(columns, lane, F, axes):
+    """Write M = F A into a lane of the block, seen as (column, entry, lane)."""
     for j in range(3):
         for i in range(3):
-            block[j * COLUMN + i * LANES + lane] = F[i, 0] * axes[0, j] + F[i, 1] * axes[1, j] + F[i, 2] * axes[2, j]
+            columns[j, i, lane] = F[i, 0] * axes[0, j] + F[i, 1] * axes[1, j] + F[i, 2] * axes[2, j]
 
 
 @njit(cache=True, error_model="numpy")
-def unload(block, lengths, lane, M, quaternion, scale):
+def unload(columns, lengths, lane, M, quaternion, scale):
     """Write a lane's lengths and the quaternion of its unit columns; `M` (3, 3) is working space."""
     least = 0
     for j in range(3):
-        start = j * COLUMN + lane
         scale[j] = lengths[j, lane]
         least = j if lengths[j, lane] < lengths[least, lane] else least
-        M[0, j], M[1, j], M[2, j] = block[start], block[start + LANES], block[start + 2 * LANES]
+        M[0, j], M[1, j], M[2, j] = columns[j, 0, lane], columns[j, 1, lane], columns[j, 2, lane]
     # the shortest axis is the cross product of the other two, so that the rotation is proper
     p, q = (least + 1) % 3, (least + 2) % 3
     M[0, least] = M[1, p] * M[2, q] - M[2, p] * M[1, q]
@@ -121,8 +119,9 @@ def reshape(
     `varied` (row,) is whether a splat's colour depends on the direction it is seen from; only then its frame
     is turned.
     """
-    block, rows, M = np.ones(3 * COLUMN, np.float32), np.empty(LANES, np.int64), np.empty((3, 3), np.float32)
-    lengths, used = np.empty((3, LANES), np.float32), 0
+    block, lengths, used = np.ones(9 * SPLATS, np.float32), np.empty((3, SPLATS), np.float32), 0
+    columns, rows, M = block.reshape(3, 3, SPLATS), np.empty(SPLATS, np.int64), np.empty((3, 3), np.float32)
+    first, second, third = block[: 3 * SPLATS], block[3 * SPLATS : 6 * SPLATS], block[6 * SPLATS :]
     for row in range(first_task, last_task):
         s, k = moving[row], carriers[row]
         if stale[row] and can_touch(centers[s], radii[row], opacities[s], camera_from_world, intrinsics):
@@ -134,14 +133,15 @@ def reshape(
             if at_rest[k]:
                 rotations[s], scales[s] = rest_rotations[s], rest_scales[s]
             else:
-                load(block, used, held[k], axes[row])
+                load(columns, used, held[k], axes[row])
                 rows[used] = row
                 used += 1
-        if used == LANES or (used and row == last_task - 1):
-            orthogonalise(block)
-            for column in range(3):
-                normalise(block, lengths, column * COLUMN, column)
+        if used == SPLATS or (used and row == last_task - 1):
+            orthogonalise(first, second, third)
+            normalise(first, lengths[0])
+            normalise(second, lengths[1])
+            normalise(third, lengths[2])
             for lane in range(used):
                 s = moving[rows[lane]]
-                unload(block, lengths, lane, M, rotations[s], scales[s])
+                unload(columns, lengths, lane, M, rotations[s], scales[s])
             used = 0
