@@ -45,3 +45,31 @@ def test_a_stage_of_another_kind_is_refused(photographs: Path, capsys: pytest.Ca
 def test_a_missing_folder_is_an_input_error(photographs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["survey", "nowhere"]) == 2
     assert "nowhere" in capsys.readouterr().err
+
+
+def test_positions_in_a_coordinate_system(photographs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("pyproj")
+    command = ["survey", str(photographs), "--pose-source", "standin_poses", "--epsg", "32632", "--geoid-offset", "49"]
+    assert main(command) == 0
+    assert "positions in EPSG:32632" in capsys.readouterr().out
+    header, first, *_ = Path("runs/survey-slope/cameras/positions_epsg32632.csv").read_text().splitlines()
+    assert header.startswith("name,easting,northing,orthometric_height,")
+    assert 340_000 < float(first.split(",")[1]) < 345_000, "7 degrees east is 157 km west of the zone's meridian"
+
+
+@pytest.mark.parametrize(
+    ("flags", "what"),
+    [
+        (["--epsg", "4326"], "has no eastings"),
+        (["--epsg", "99999"], "doesn't know EPSG:99999"),
+        (["--geoid-offset", "1"], "give --epsg too"),
+        (["--epsg", "2326", "--geoid-offset", "1", "--geoid-grid", "a.tif"], "not both"),
+    ],
+)
+def test_heights_and_systems_are_checked_first(
+    photographs: Path, capsys: pytest.CaptureFixture[str], flags: list[str], what: str
+) -> None:
+    pytest.importorskip("pyproj")
+    assert main(["survey", str(photographs), "--pose-source", "standin_poses", *flags]) == 2
+    assert what in capsys.readouterr().err
+    assert not Path("runs").exists()

@@ -144,6 +144,18 @@ def to_geodetic(points: Float64Array, epsg: int, vertical: Heights = ELLIPSOIDAL
     return _Conversion(crs, vertical, _bounds(geodetic)).inverse(points)
 
 
+def require_projected(epsg: int, vertical: Heights = ELLIPSOIDAL) -> None:
+    """Raise now what a conversion to a projected `epsg` would raise later, as far as that doesn't depend on the place.
+
+    Raises:
+        ConfigurationError, MissingDependency: as `to_local`; or the system has degrees.
+    """
+    if not _system(epsg, vertical).is_projected:
+        raise ConfigurationError(
+            f"EPSG:{epsg} has no eastings and northings", cure="give a projected system, such as 2326 or a UTM zone"
+        )
+
+
 def stated_accuracy(epsg: int, georeference: Georeference, vertical: Heights = ELLIPSOIDAL) -> float | None:
     """Return the accuracy in m that EPSG states for the transformation from WGS84 at the survey; None: not stated.
 

@@ -1,7 +1,7 @@
 """What a survey leaves for people: its report, and the cameras in other programs' formats.
 
 survey.html     the report, one self-contained file
-cameras/        COLMAP model, as text and binary, and nerfstudio's transforms.json
+cameras/        COLMAP model, as text and binary, nerfstudio's transforms.json, and the positions as CSV
 """
 
 import json
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from slideframe.bench import Keyed
 from slideframe.errors import InputError
+from slideframe.georeferencing import Heights, stated_accuracy
 from slideframe.problem import BoxRegion, Region
 from slideframe.products import Survey
 from slideframe.quality.appraisal import Appraisal, appraise
@@ -64,6 +65,7 @@ def write_cameras(survey: Survey, folder: Path) -> list[str]:
     from slideframe.formats.colmap import common_folder, write_colmap_text
     from slideframe.formats.colmap_binary import write_colmap_binary
     from slideframe.formats.posed_camera import PosedCamera
+    from slideframe.formats.position_table import write_position_table
     from slideframe.formats.transforms_json import write_transforms_json
 
     left_out = []
@@ -82,7 +84,24 @@ def write_cameras(survey: Survey, folder: Path) -> list[str]:
             for index, (photograph, pose) in enumerate(zip(survey.photographs, survey.world_from_camera, strict=True))
         ]
         write_transforms_json(views, folder / CAMERAS / "transforms.json")
+        write_position_table(survey, folder / CAMERAS / "positions.csv")
     return left_out
+
+
+def write_positions_in(survey: Survey, folder: Path, epsg: int, heights: Heights) -> str:
+    """Write the cameras' positions in a coordinate system, and return a line that says where and how accurately.
+
+    Raises:
+        MissingDependency, InputError: the transformation lacks a grid, or the site lies outside the system's area.
+    """
+    from slideframe.formats.position_table import write_position_table
+
+    path = folder / CAMERAS / f"positions_epsg{epsg}.csv"
+    with storing(folder):
+        write_position_table(survey, path, epsg, heights)
+    accuracy = stated_accuracy(epsg, survey.georeference, heights)
+    known = "not stated" if accuracy is None else f"{accuracy:g} m"
+    return f"positions in EPSG:{epsg} (accuracy of the transformation from WGS84: {known}): {path}"
 
 
 def write_report(

@@ -71,3 +71,10 @@ def test_what_cannot_be_meant(tmp_path: Path, text: str, what: str) -> None:
 def test_no_such_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="can't be read"):
         read_table(tmp_path / "absent.csv")
+
+
+def test_reads_what_a_survey_writes(tmp_path: Path) -> None:
+    """The columns of slideframe.formats.position_table."""
+    text = "name,easting,northing,orthometric_height,sigma_east,sigma_north,sigma_up\na/1.JPG,1,2,3,0.01,0.01,0.02\n"
+    (position,) = read_table(table(tmp_path, text)).positions
+    assert (position.name, position.sigma, position.altitude_kind) == ("a/1.JPG", (0.01, 0.01, 0.02), "orthometric")

@@ -18,6 +18,7 @@ from slideframe.config import StageChoice, apply_override, read_toml, validate
 from slideframe.crew import device_for
 from slideframe.device import parse_device
 from slideframe.errors import ConfigurationError, SlideframeError
+from slideframe.georeferencing import Heights, require_projected
 from slideframe.problem import ProblemModel, Region, Site
 from slideframe.products import Survey
 from slideframe.run_folder import LOG, RECORDING, RESULT, RunFolder, result_table
@@ -28,6 +29,7 @@ from slideframe.survey_folder import (
     appraise_survey,
     survey_result,
     write_cameras,
+    write_positions_in,
     write_report,
     write_result,
 )
@@ -50,6 +52,14 @@ class SurveyOptions:
     """Folder of the report; by default runs/survey-NAME."""
     store: Path | None = None
     """Folder of stored results, shared with runs; by default `store` beside the report's folder."""
+    epsg: int | None = None
+    """Projected coordinate system, such as 2326, to write the cameras' positions in as well."""
+    vertical_epsg: int | None = None
+    """Level of the heights beside it, such as 5738; without, they stay above the WGS84 ellipsoid."""
+    geoid_offset: float | None = None
+    """How far that level lies above the ellipsoid, m."""
+    geoid_grid: Path | None = None
+    """The same from a grid that PROJ reads."""
     set: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
     """Override any key: --set plugins.pose_rtk.refine=false."""
 
@@ -70,6 +80,7 @@ def main(arguments: Sequence[str]) -> int:
     config = read_survey_config(options)
     name = options.photographs.resolve().stem
     out = options.out or Path("runs") / f"survey-{name}"
+    heights = _heights(options)
     stage, listing = _pose_source(config)
     device = parse_device(options.device)
     registry.require_backend(stage, listing)
@@ -86,8 +97,28 @@ def main(arguments: Sequence[str]) -> int:
                 _log.error("%s", error, exc_info=True)
                 raise
             lines = _deliver(out, name, config, keyed, bool(bench.computed))
+            if options.epsg is not None:
+                lines.append(write_positions_in(keyed.value, out, options.epsg, heights))
     print("\n".join([*lines, "", f"report: {out / REPORT}"]))
     return 0
+
+
+def _heights(options: SurveyOptions) -> Heights:
+    """Return the level of the heights to write; raise now what couldn't be written later.
+
+    Raises:
+        ConfigurationError: the options contradict each other, or PROJ doesn't know a code.
+    """
+    given = {name: getattr(options, name) for name in ("geoid_offset", "geoid_grid")}
+    heights = validate(Heights, {"epsg": options.vertical_epsg, **given}, "the options of heights")
+    if options.epsg is not None:
+        require_projected(options.epsg, heights)
+    elif not heights.ellipsoidal:
+        raise ConfigurationError(
+            "heights of another level are written beside eastings and northings only",
+            cure="give --epsg too, or --set plugins.pose_rtk.geoid_offset=N for heights that the photographs state",
+        )
+    return heights
 
 
 def read_survey_config(options: SurveyOptions) -> SurveyConfig:
