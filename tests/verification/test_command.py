@@ -6,6 +6,7 @@ import pytest
 
 from slideframe.cli import main
 from slideframe.commands import verify
+from slideframe.verification import invariance
 from slideframe.verification.card import Line
 from slideframe.verification.case import Case
 
@@ -40,6 +41,13 @@ def test_json_is_a_list_of_lines(card, capsys):
     rows = json.loads(capsys.readouterr().out)
     assert [row["passed"] for row in rows] == [True, False]
     assert rows[0].keys() >= {"name", "expected", "got", "tolerance", "passed", "source"}
+
+
+def test_a_real_case_becomes_json(monkeypatch, capsys):
+    """NumPy's numbers aren't JSON's."""
+    monkeypatch.setattr(verify, "cases", lambda fast: invariance.CASES)
+    assert main(["verify", "--solver", "mpm_warp", "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)) == len(invariance.CASES)
 
 
 def test_without_a_name_every_solver_is_checked(card, capsys):

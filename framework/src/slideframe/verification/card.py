@@ -31,7 +31,7 @@ class Line:
     @property
     def passed(self) -> bool:
         """Whether the solver's number lies within the tolerance; NaN never does."""
-        return abs(self.got - self.expected) <= self.tolerance
+        return bool(abs(self.got - self.expected) <= self.tolerance)
 
     def as_json(self, solver: str) -> dict[str, Any]:
         """Return the line as JSON takes it; a number that isn't there is null."""
@@ -66,7 +66,7 @@ def summary(solver: str, lines: Sequence[Line]) -> str:
 
 
 def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    return float(value) if math.isfinite(value) else None
 
 
 def _short(value: float) -> str:
