@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from slideframe.bench import Keyed
-from slideframe.errors import InputError
+from slideframe.errors import InputError, SlideframeError
 from slideframe.georeferencing import Heights, stated_accuracy
-from slideframe.problem import BoxRegion, Region
-from slideframe.products import Survey
+from slideframe.problem import Region
+from slideframe.products import Georeference, Survey
 from slideframe.quality.appraisal import Appraisal, appraise
 from slideframe.quality.ground import Bounds
+from slideframe.release.plan import plan_of
 from slideframe.store import storing
 
 if TYPE_CHECKING:
@@ -26,16 +27,21 @@ _log = logging.getLogger("slideframe")
 REPORT, CAMERAS = "survey.html", "cameras"
 
 
-def plan_bounds(region: Region | None) -> Bounds | None:
-    """Return the region's plan (x_min, x_max, y_min, y_max), m, or None where only the survey can tell."""
-    if isinstance(region, BoxRegion):
-        return region.x_min, region.x_max, region.y_min, region.y_max
-    return None
+def plan_bounds(region: Region | None, georeference: Georeference) -> Bounds | None:
+    """Return the region's extent (x_min, x_max, y_min, y_max), m, or None where there is none that can be placed."""
+    if region is None:
+        return None
+    try:
+        (west, south), (east, north) = plan_of(region, georeference).bounds
+    except SlideframeError as error:  # the run stops at it after the survey, whose report is wanted all the same
+        _log.warning("the survey is judged as a whole, because the region can't be placed: %s", error.what)
+        return None
+    return float(west), float(east), float(south), float(north)
 
 
 def appraise_survey(keyed: Keyed[Survey], region: Region | None) -> Appraisal:
     """Appraise a stored survey where the region lies, or all of it."""
-    return appraise(keyed.value, plan_bounds(region))
+    return appraise(keyed.value, plan_bounds(region, keyed.value.georeference))
 
 
 def report_on(keyed: Keyed[Survey], region: Region | None) -> list[str]:

@@ -11,6 +11,7 @@ from slideframe.pipeline import require_region_in_survey
 from slideframe.problem import BoxRegion, FlatBase, PolygonRegion
 from slideframe.products import Georeference
 from slideframe.release.plan import plan_of
+from slideframe.survey_folder import plan_bounds
 from slideframe.testing.ground_scenes import hillside_survey
 
 BASE = FlatBase(z_min=-10)
@@ -143,3 +144,10 @@ def test_a_box_is_its_own_plan(size, corner):
     plan = plan_of(region, origin)
     assert plan.area == pytest.approx(size[0] * size[1], rel=1e-6)
     assert plan.contains(np.array([corner[0] + size[0] / 2]), np.array([corner[1] + size[1] / 2])).all()
+
+
+def test_the_survey_is_judged_where_the_region_lies(georeference, to_map, tmp_path):
+    region = PolygonRegion(corners=to_map(OUTLINE).tolist(), epsg=2326, base=BASE)
+    np.testing.assert_allclose(plan_bounds(region, georeference), [-20, 30, -10, 25], atol=0.01)
+    assert plan_bounds(None, georeference) is None
+    assert plan_bounds(PolygonRegion(path=tmp_path / "none.geojson", base=BASE), georeference) is None
