@@ -14,9 +14,9 @@ from slideframe.products import Camera, Georeference
 from slideframe.stages import Context
 from slideframe.store import digest_file
 from slideframe_pose_rtk.features import PictureFile
-from slideframe_pose_rtk.intake import names
 from slideframe_pose_rtk.intrinsics import Calibration, camera_of
 from slideframe_pose_rtk.metadata import PhotoRecord
+from slideframe_pose_rtk.naming import names
 from slideframe_pose_rtk.orientation import world_from_camera
 
 Poses = dict[int, Float64Array]  # world from camera (3, 4) by photograph

@@ -17,7 +17,7 @@ from slideframe_pose_rtk.calibration import calibrated, read_calibration
 from slideframe_pose_rtk.intrinsics import camera_of
 from slideframe_pose_rtk.jpeg import lacks_its_end
 from slideframe_pose_rtk.metadata import PhotoRecord
-from slideframe_pose_rtk.naming import names as names  # solution and flight take it from here
+from slideframe_pose_rtk.naming import names
 from slideframe_pose_rtk.positions import PositionFiles, improve_positions
 from slideframe_pose_rtk.reading import read_record
 from slideframe_pose_rtk.twins import without_twins

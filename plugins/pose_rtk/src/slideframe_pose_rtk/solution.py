@@ -20,8 +20,9 @@ from slideframe_pose_rtk.adjustment import (
 from slideframe_pose_rtk.correspondences import Correspondences
 from slideframe_pose_rtk.flight import Flight, Poses
 from slideframe_pose_rtk.freedom import HELD, Freedom
-from slideframe_pose_rtk.intake import names, require_enough
+from slideframe_pose_rtk.intake import require_enough
 from slideframe_pose_rtk.lens import camera_from_lens
+from slideframe_pose_rtk.naming import names
 from slideframe_pose_rtk.resection import resect
 from slideframe_pose_rtk.sessions import Session
 from slideframe_pose_rtk.sighted import add_control, compare, require_one_datum
