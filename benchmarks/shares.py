@@ -5,6 +5,7 @@ import time
 from slideframe.device import Device
 from slideframe.problem import SimulationProblem
 from slideframe.products import Filling
+from slideframe.time_integration import Step
 
 SUBSTEPS = 60
 
@@ -18,6 +19,7 @@ def of_warp(filling: Filling, problem: SimulationProblem) -> dict[str, float]:
     from slideframe_mpm_warp.stepper import Stepper
 
     stepper = Stepper(filling, problem, problem.grid(filling), "cpu")
+    stepper.begin(Step(problem.time_step(problem.grid(filling))[0], problem.simulation.gravity))
     stepper.substep()
     seconds: dict[str, float] = {}
     launch = stepper.cores.run
@@ -41,6 +43,7 @@ def of_taichi(filling: Filling, problem: SimulationProblem) -> dict[str, float]:
         from slideframe_mpm_taichi.stepper import Stepper
 
         stepper = Stepper(filling, problem, problem.grid(filling), Device())
+        stepper.begin(Step(problem.time_step(problem.grid(filling))[0], problem.simulation.gravity))
         stepper.substep()
         seconds: dict[str, float] = {}
         names = ("clear_grid", "particles_to_grid", "update_grid", "grid_to_particles", "reorder")

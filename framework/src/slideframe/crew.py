@@ -38,6 +38,7 @@ class Crew:
         for stage in self.stages():
             registry.require_backend(stage, self.listings[stage.name])
             stage.preflight(config.problem_of(stage.kind), device_for(stage, device))
+        self.solver.require_features(config.simulation_problem)
         if config.region.plan_size:
             check_spacing(config.region.plan_size, config.simulation)
 

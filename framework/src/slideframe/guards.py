@@ -204,8 +204,13 @@ class Pace:
         """Count what an earlier run did, but not into this run's speed."""
         self.substeps = self._earlier = substeps
 
-    def frame_done(self, frame: int, substeps: int, product: ParticleFrame) -> None:
-        """Report progress and figures after output frame `frame`, of which 0 is the start."""
+    def kinetic_energy(self, product: ParticleFrame) -> float:
+        """Return the energy of the particles' own velocities, J."""
+        squared_speed = np.einsum("pi,pi->p", product.velocities, product.velocities, dtype=np.float64)
+        return float(0.5 * self.masses @ squared_speed)
+
+    def frame_done(self, frame: int, substeps: int, product: ParticleFrame, *, last: bool = False) -> None:
+        """Report progress and figures after output frame `frame`, of which 0 is the start; `last`: it ends early."""
         self.substeps += substeps
         self._frames += 1
         rate = (self.substeps - self._earlier) / self._seconds if self._seconds else 0.0
@@ -214,12 +219,11 @@ class Pace:
         self.context.figure("particle_substeps_per_second", rate * len(self.masses))
         self.context.figure("escaped_particles", product.escaped)
         frames = self.simulation.frame_count - 1
-        squared_speed = np.einsum("pi,pi->p", product.velocities, product.velocities, dtype=np.float64)
         self.context.progress(
-            frame,
+            frames if last else frame,
             frames,
             simulated_s=product.time,
             substeps_per_second=rate,
-            remaining_s=self._seconds / self._frames * (frames - frame),
-            kinetic_energy_j=float(0.5 * self.masses @ squared_speed),
+            remaining_s=0.0 if last else self._seconds / self._frames * (frames - frame),
+            kinetic_energy_j=self.kinetic_energy(product),
         )

@@ -11,6 +11,7 @@ from typing import ClassVar, Literal
 from pydantic import BaseModel, ConfigDict
 
 from slideframe.device import Device
+from slideframe.errors import ConfigurationError
 from slideframe.problem import FillingProblem, ProblemModel, SimulationProblem, Site, View
 from slideframe.products import Filling, ParticleFrame, Picture, SplatCloud, Survey
 
@@ -144,9 +145,29 @@ class VolumeFiller(Stage):
 
 
 class Solver(Stage):
-    """Moves the filled volume."""
+    """Moves the filled volume.
+
+    Attributes:
+        features: what of slideframe.problem.FEATURES it can do; a problem that needs more is refused before anything
+            is computed.
+    """
 
     kind = "solver"
+    features: ClassVar[frozenset[str]] = frozenset({"drucker_prager"})
+
+    def require_features(self, problem: SimulationProblem) -> None:
+        """Refuse a problem that this solver would solve in part only.
+
+        Raises:
+            ConfigurationError: with what is missing.
+        """
+        missing = ", ".join(sorted(problem.features - self.features))
+        if missing:
+            raise ConfigurationError(
+                f"the solver '{self.name}' doesn't know: {missing}",
+                where="stages.solver",
+                cure="take another solver, such as mpm_warp, or change [material], [boundary] or [simulation]",
+            )
 
     @abstractmethod
     def solve(self, filling: Filling, problem: SimulationProblem, context: Context) -> Iterator[ParticleFrame]:

@@ -12,6 +12,7 @@ from slideframe.device import Device
 from slideframe.errors import ConfigurationError, PluginError, StageFailed
 from slideframe.testing.evidence import digest, fresh_context
 from slideframe.testing.solver_scenes import block_filling, sand_problem
+from slideframe.time_integration import Step
 from slideframe_mpm_taichi.runtime import session
 from slideframe_mpm_taichi.solver import TaichiSolver
 from slideframe_mpm_taichi.stepper import Stepper
@@ -115,6 +116,7 @@ def test_the_code_for_cards_moves_the_same():
 
     def last(coloured):
         stepper = Stepper(LONG_BLOCK, SLIDING, SLIDING.grid(LONG_BLOCK), Device(), coloured=coloured)
+        stepper.begin(Step(SLIDING.time_step(SLIDING.grid(LONG_BLOCK))[0], SLIDING.simulation.gravity))
         for _ in range(50):
             stepper.substep()
         return stepper.frame(0.0)
@@ -133,6 +135,7 @@ def test_nodes_follow_the_particles():
     assert grid.node_count > 1e10
     with session(Device(), "float32"):
         stepper = Stepper(far, SLIDING, grid, Device())
+        stepper.begin(Step(SLIDING.time_step(SLIDING.grid(far))[0], SLIDING.simulation.gravity))
         start = stepper.motion()[0]
         while (stepper.motion()[0] - start)[:, 0].mean() < 50 * 0.25:
             for _ in range(50):

@@ -11,6 +11,7 @@ from slideframe.device import Device
 from slideframe.errors import ConfigurationError, StageFailed
 from slideframe.testing.evidence import digest, fresh_context
 from slideframe.testing.solver_scenes import block_filling, sand_problem
+from slideframe.time_integration import Step
 from slideframe_mpm_warp import cores
 from slideframe_mpm_warp.runtime import kernels_in
 from slideframe_mpm_warp.solver import WarpSolver
@@ -96,6 +97,7 @@ def test_the_code_for_cards_moves_the_same(tmp_path):
     def last(coloured):
         grid = SLIDING.grid(LONG_BLOCK)
         stepper = Stepper(LONG_BLOCK, SLIDING, grid, "cpu", coloured=coloured)
+        stepper.begin(Step(SLIDING.time_step(SLIDING.grid(LONG_BLOCK))[0], SLIDING.simulation.gravity))
         for _ in range(50):
             stepper.substep()
         return stepper.frame(0.0)
@@ -112,6 +114,7 @@ def test_nodes_follow_the_particles(tmp_path):
     grid = SLIDING.grid(far)
     assert grid.node_count > 1e10
     stepper = Stepper(far, SLIDING, grid, "cpu")
+    stepper.begin(Step(SLIDING.time_step(SLIDING.grid(far))[0], SLIDING.simulation.gravity))
     start = stepper.motion()[0]
     while (stepper.motion()[0] - start)[:, 0].mean() < 50 * 0.25:
         for _ in range(50):

@@ -1,23 +1,26 @@
 """The stage `mpm_flip`: explicit MPM with nodal forces and a PIC/FLIP transfer."""
 
 from collections.abc import Iterator
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from slideframe.arrays import Float64Array
-from slideframe.guards import Pace, check_motion, check_start, start_frame
-from slideframe.problem import Grid, SimulationProblem
+from slideframe.guards import check_start
+from slideframe.problem import FEATURES, Grid, SimulationProblem
 from slideframe.products import Filling, ParticleFrame
 from slideframe.reference.constitutive import kirchhoff_stress, return_mapping
-from slideframe.reference.solver import Particles, Stencil, apply_walls, bound_stretch, scatter
+from slideframe.reference.solver import ReferenceStepper, Stencil, apply_contact, apply_walls, carry, scatter
 from slideframe.stages import Context, Solver
+from slideframe.time_integration import March
 
 
 class FlipSolver(Solver):
     """Explicit MPM whose particles keep most of their own velocity (PIC/FLIP)."""
 
     name = "mpm_flip"
+    features: ClassVar[frozenset[str]] = FEATURES
 
     flip_share: float = Field(
         default=0.98, ge=0, le=1, description="share of FLIP in the velocity: 0 damps strongly, 1 not at all"
@@ -26,24 +29,21 @@ class FlipSolver(Solver):
     def solve(self, filling: Filling, problem: SimulationProblem, context: Context) -> Iterator[ParticleFrame]:
         """Yield the motion."""
         grid = check_start(filling, problem)
-        time_step, substeps = problem.time_step(grid)
-        state = Particles.at_start(filling, problem.material.density)
-        simulation = problem.simulation
-        pace = Pace(context, problem.simulation, state.masses, time_step)
-        yield start_frame(filling, problem)
-        for frame in range(1, simulation.frame_count):
-            with pace:
-                for substep in range(1, substeps + 1):
-                    self._advance(state, problem, grid, time_step)
-                    now = (frame - 1) / simulation.frame_rate + substep * time_step
-                    check_motion(state.positions, state.velocities, now, grid, time_step)
-            bound_stretch(state.deformation_gradients)
-            product = state.frame(frame / simulation.frame_rate, problem)
-            pace.frame_done(frame, substeps, product)
-            yield product
+        yield from March(filling, problem, grid, context).frames(FlipStepper(filling, problem, grid, self.flip_share))
 
-    def _advance(self, state: Particles, problem: SimulationProblem, grid: Grid, time_step: float) -> None:
-        """Carry the particles through one substep."""
+
+class FlipStepper(ReferenceStepper):
+    """The reference's particles, carried from step to step by PIC/FLIP."""
+
+    def __init__(self, filling: Filling, problem: SimulationProblem, grid: Grid, flip_share: float) -> None:
+        """Lay out the particles at t = 0, without stress."""
+        super().__init__(filling, problem, grid)
+        self.flip_share = flip_share
+
+    def substep(self) -> float:
+        """Advance by one time step; return the greatest component of velocity, m/s."""
+        problem, contact = self.acting
+        state, grid, time_step = self.state, self.grid, self.step.time_step
         stencil = Stencil.around(state.positions, grid)
         gradients = weight_gradients(stencil, grid)
         mass = scatter(stencil.weights * state.masses[:, None], stencil, grid)
@@ -57,34 +57,33 @@ class FlipSolver(Solver):
         heavy = mass[:, None] > 0
         before = np.divide(momentum, mass[:, None], out=np.zeros_like(momentum), where=heavy)
         after = before + time_step * np.divide(force, mass[:, None], out=np.zeros_like(force), where=heavy)
-        after += time_step * np.array(problem.simulation.gravity) * heavy
+        after = self.step.kept * (after + time_step * np.array(self.step.gravity) * heavy)
+        apply_contact(after.reshape(*grid.shape, 3), contact)
         apply_walls(after.reshape(*grid.shape, 3), problem.boundary, grid)
-        self._follow(state, stencil, gradients, before, after, problem, grid, time_step)
+        self._follow(stencil, gradients, before, after, problem)
+        return float(np.abs(state.velocities).max())
 
     def _follow(
         self,
-        state: Particles,
         stencil: Stencil,
         gradients: Float64Array,
         before: Float64Array,
         after: Float64Array,
         problem: SimulationProblem,
-        grid: Grid,
-        time_step: float,
     ) -> None:
         """Move and strain the particles with the grid's velocities (nodes, 3) before and after the forces acted."""
+        state, time_step = self.state, self.step.time_step
+        # what has left the domain weighs nothing and stays where it left
+        staying = (state.masses > 0)[:, None]
         old, new = before[stencil.nodes], after[stencil.nodes]
-        carried = np.einsum("pn,pni->pi", stencil.weights, new)
+        carried = staying * np.einsum("pn,pni->pi", stencil.weights, new)
         gained = np.einsum("pn,pni->pi", stencil.weights, new - old)
-        state.velocities = (1 - self.flip_share) * carried + self.flip_share * (state.velocities + gained)
-        change = np.eye(3) + time_step * np.einsum("pni,pnj->pij", new, gradients)
+        state.velocities = staying * ((1 - self.flip_share) * carried + self.flip_share * (state.velocities + gained))
+        change = np.eye(3) + time_step * staying[:, None] * np.einsum("pni,pnj->pij", new, gradients)
         state.deformation_gradients = change @ state.deformation_gradients
         flow = return_mapping(change @ state.elastic, state.volume_corrections, problem.material)
         state.elastic, state.volume_corrections = flow.elastic, flow.volume_correction
-        moved = state.positions + time_step * carried
-        low, high = grid.spacing, grid.spacing * (np.array(grid.shape) - 2)
-        state.positions = np.clip(moved - grid.origin, low, high) + grid.origin
-        state.held |= (state.positions != moved).any(axis=1)
+        carry(state, time_step * carried, problem, self.grid)
 
 
 def weight_gradients(stencil: Stencil, grid: Grid) -> Float64Array:

@@ -11,6 +11,7 @@ from slideframe.contact.distance import near_nodes
 from slideframe.contact.mesh import TriangleMesh
 from slideframe.errors import InputError
 from slideframe.problem import Grid, SimulationProblem, Wall
+from slideframe.problem.boundary import STICKS
 from slideframe.products import Filling
 
 # Nodes that deep, in cells, act: no particle crosses more than one of them in a substep.
@@ -39,6 +40,12 @@ class ContactNodes:
     def none(cls, grid: Grid) -> "ContactNodes":
         """Return what there is without any ground."""
         return cls(np.zeros((*grid.shape[:2], 3), np.int32), np.zeros((1, 4)))
+
+    def settling(self) -> "ContactNodes":
+        """Return the same while stress builds up: friction holds."""
+        normals = self.normals.copy()
+        normals[normals[:, 3] > 0, 3] = STICKS
+        return ContactNodes(self.columns, normals)
 
     def indices(self) -> tuple[npt.NDArray[np.int64], Float64Array]:
         """Return the nodes (m, 3) in the ground and their normals and coefficients (m, 4)."""

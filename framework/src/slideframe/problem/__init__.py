@@ -6,7 +6,7 @@ from slideframe.problem.camera_path import Shot
 from slideframe.problem.grid import Grid, place_grid
 from slideframe.problem.material import LAWS, DruckerPrager, Elastic, LawConstants, Material, Sand
 from slideframe.problem.region import BoxRegion, FillingProblem, MeshRegion, PolygonRegion, Region
-from slideframe.problem.simulation import Simulation, SimulationProblem
+from slideframe.problem.simulation import FEATURES, Simulation, SimulationProblem
 from slideframe.problem.site import Site
 from slideframe.problem.slip_surface import (
     DepthBase,
@@ -23,6 +23,7 @@ from slideframe.problem.slip_surface import (
 from slideframe.problem.view import FileView, FlightView, OrbitView, SurveyView, View
 
 __all__ = [
+    "FEATURES",
     "LAWS",
     "Boundary",
     "BoxRegion",

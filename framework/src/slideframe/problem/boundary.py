@@ -41,6 +41,10 @@ class Wall(ProblemModel):
         """The same, or STICKS or IS_OPEN: all that a kernel must know of a wall."""
         return {"stick": STICKS, "open": IS_OPEN}.get(self.kind, self.friction)
 
+    def settling(self) -> "Wall":
+        """Return the wall while stress builds up: friction holds."""
+        return Wall(kind="stick") if self.kind == "friction" else self
+
 
 class Domain(ProblemModel):
     """Where the mass may go: the box of the grid, whose sides and floor are the walls."""
@@ -82,3 +86,8 @@ class Boundary(ProblemModel):
     floor: Wall = Wall()
     terrain: Wall = Field(default=Wall(kind="open"), description="the ground that stays once the mass is gone")
     domain: Domain = Domain()
+
+    def settling(self) -> "Boundary":
+        """Return the boundary while stress builds up: friction holds."""
+        walls = {name: getattr(self, name).settling() for name in ("sides", "floor", "terrain")}
+        return self.model_copy(update=walls)

@@ -88,6 +88,10 @@ class ElasticSoil(ProblemModel):
         """K0 of confined elastic compression, nu / (1 - nu)."""
         return self.poisson_ratio / (1 - self.poisson_ratio)
 
+    def without_yield(self) -> "Elastic":
+        """Return the same soil with its elasticity alone."""
+        return Elastic(density=self.density, youngs_modulus=self.youngs_modulus, poisson_ratio=self.poisson_ratio)
+
 
 class Elastic(ElasticSoil):
     """Hencky elasticity without yield: for waves, settlement and verification."""

@@ -21,6 +21,10 @@ class Simulation(ProblemModel):
     particles_per_cell: int = Field(default=8, ge=1, le=64)
     gravity: Vector = Field(default=(0.0, 0.0, -9.81), description="m/s2")
     cfl: float = Field(default=0.4, gt=0, lt=1, description="share of a cell that a wave may cross in one substep")
+    time_step: Literal["adaptive", "fixed"] = Field(
+        default="adaptive",
+        description="adaptive: for the speed of the mass; fixed: for that of a fall across the whole domain",
+    )
     precision: Literal["float32", "float64"] = "float32"
     stored_frames: Literal["whole", "compact"] = Field(
         default="whole",
@@ -28,6 +32,26 @@ class Simulation(ProblemModel):
         "to 1/2048 of themselves",
     )
     record_stress: bool = Field(default=False, description="whether frames carry every particle's stress invariants")
+    initial_stress: Literal["none", "k0", "ramp"] = Field(
+        default="none",
+        description="stress at t = 0; none: gravity acts at once; k0: the weight above, and earth_pressure times that "
+        "across; ramp: gravity rises slowly on soil that doesn't yield, and a hold test is reported",
+    )
+    earth_pressure: float | None = Field(
+        default=None,
+        ge=0,
+        description="coefficient K0 of initial_stress = 'k0'; none: 1 - sin(phi), nu / (1 - nu) without friction",
+    )
+    stop: Literal["duration", "rest"] = Field(
+        default="duration", description="rest: end earlier once the kinetic energy falls below rest_share of its peak"
+    )
+    rest_share: float = Field(default=0.01, gt=0, lt=1, description="share of the peak that counts as rest")
+
+    @model_validator(mode="after")
+    def _earth_pressure_is_used(self) -> "Simulation":
+        if self.earth_pressure is not None and self.initial_stress != "k0":
+            raise ValueError("earth_pressure is for initial_stress = 'k0' only")
+        return self
 
     @model_validator(mode="after")
     def _whole_frames(self) -> "Simulation":
@@ -46,6 +70,10 @@ class Simulation(ProblemModel):
         return float(self.grid_spacing / self.particles_per_cell ** (1 / 3))
 
 
+# What a problem may ask of a solver beyond cones of friction between closed walls: see SimulationProblem.features.
+FEATURES = frozenset({"elastic", "drucker_prager", "mohr_coulomb", "open_walls", "terrain", "initial_stress", "rest"})
+
+
 class SimulationProblem(ProblemModel):
     """What a solver is asked for."""
 
@@ -56,6 +84,22 @@ class SimulationProblem(ProblemModel):
     def grid(self, filling: Filling) -> Grid:
         """Place the grid around the domain."""
         return place_grid(self.boundary.domain.bounds(filling), self.simulation.grid_spacing)
+
+    @property
+    def features(self) -> frozenset[str]:
+        """What a solver must know to solve this: the law of the soil, and those of FEATURES that are in use."""
+        walls = {self.boundary.sides.kind, self.boundary.floor.kind}
+        used = {
+            "open_walls": "open" in walls,
+            "terrain": self.boundary.terrain.kind != "open",
+            "initial_stress": self.simulation.initial_stress != "none",
+            "rest": self.simulation.stop == "rest",
+        }
+        return frozenset({self.material.law, *(name for name, needed in used.items() if needed)})
+
+    def settling(self) -> "SimulationProblem":
+        """Return the problem while stress builds up: soil that doesn't yield, held fast where there is friction."""
+        return self.model_copy(update={"material": self.material.without_yield(), "boundary": self.boundary.settling()})
 
     def limits(self, grid: Grid) -> tuple[Vector, Vector]:
         """Return the lowest and the highest position that a particle may have, in cells from the grid's origin.

@@ -2,27 +2,22 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from slideframe.arrays import Float64Array
 from slideframe.contact import ContactNodes, terrain_contact
-from slideframe.guards import (
-    STRETCH_BOUNDS,
-    Pace,
-    check_memory,
-    check_motion,
-    check_start,
-    start_frame,
-)
-from slideframe.problem import Boundary, Grid, SimulationProblem, Wall
+from slideframe.guards import STRETCH_BOUNDS, check_memory, check_start
+from slideframe.problem import FEATURES, Boundary, Grid, SimulationProblem, Wall
 from slideframe.problem.boundary import STICKS
 from slideframe.problem.material import ElasticSoil
 from slideframe.products import Filling, ParticleFrame
 from slideframe.reference.constitutive import kirchhoff_stress, return_mapping
 from slideframe.stages import Context, Solver
 from slideframe.stress import stress_fields
+from slideframe.time_integration import March, Step
 
 BYTES_PER_PARTICLE = 27 * 8 * 12
 BYTES_PER_NODE = 4 * 8 * 3
@@ -32,6 +27,7 @@ class ReferenceSolver(Solver):
     """Explicit MLS-MPM in float64 NumPy: quadratic B-splines, affine transfer, sand (Hu et al. 2018)."""
 
     name = "reference"
+    features: ClassVar[frozenset[str]] = FEATURES
 
     def solve(self, filling: Filling, problem: SimulationProblem, context: Context) -> Iterator[ParticleFrame]:
         """Yield the motion; always in float64, whatever `precision` says."""
@@ -40,22 +36,54 @@ class ReferenceSolver(Solver):
         check_memory(
             particle_count * BYTES_PER_PARTICLE + grid.node_count * BYTES_PER_NODE, particle_count, grid.node_count
         )
-        contact = terrain_contact(filling, problem, grid)
-        time_step, substeps = problem.time_step(grid)
-        state = Particles.at_start(filling, problem.material.density)
-        simulation = problem.simulation
-        pace = Pace(context, problem.simulation, state.masses, time_step)
-        yield start_frame(filling, problem)
-        for frame in range(1, simulation.frame_count):
-            with pace:
-                for substep in range(1, substeps + 1):
-                    advance(state, problem, grid, contact, time_step)
-                    now = (frame - 1) / simulation.frame_rate + substep * time_step
-                    check_motion(state.positions, state.velocities, now, grid, time_step)
-            bound_stretch(state.deformation_gradients)
-            product = state.frame(frame / simulation.frame_rate, problem)
-            pace.frame_done(frame, substeps, product)
-            yield product
+        yield from March(filling, problem, grid, context).frames(ReferenceStepper(filling, problem, grid))
+
+
+class ReferenceStepper:
+    """One simulation in NumPy's memory."""
+
+    def __init__(self, filling: Filling, problem: SimulationProblem, grid: Grid) -> None:
+        """Lay out the particles at t = 0, without stress."""
+        self.filling, self.problem, self.grid = filling, problem, grid
+        self.contact = terrain_contact(filling, problem, grid)
+        self.state = Particles.at_start(filling, problem.material.density)
+        self.step = Step(0.0, (0.0, 0.0, 0.0))
+
+    def begin(self, step: Step) -> None:
+        """Do all later substeps with `step`."""
+        self.step = step
+
+    @property
+    def acting(self) -> tuple[SimulationProblem, ContactNodes]:
+        """The problem and the ground as they act in the present step."""
+        if self.step.settling:
+            return self.problem.settling(), self.contact.settling()
+        return self.problem, self.contact
+
+    def substep(self) -> float:
+        """Advance by one time step; return the greatest component of velocity, m/s."""
+        advance(self.state, *self.acting, self.grid, self.step)
+        return float(np.abs(self.state.velocities).max())
+
+    def load(self, hencky: Float64Array) -> None:
+        """Take elastic Hencky strains (n, 3, 3) as the state."""
+        values, vectors = np.linalg.eigh(hencky)
+        self.state.elastic = (vectors * np.exp(values)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+
+    def restart(self) -> None:
+        """Put the particles back where they were at t = 0 and keep their stress."""
+        elastic = self.state.elastic
+        self.state = Particles.at_start(self.filling, self.problem.material.density)
+        self.state.elastic = elastic
+
+    def motion(self) -> tuple[Float64Array, Float64Array]:
+        """Return positions (n, 3), m, and velocities (n, 3), m/s."""
+        return self.state.positions, self.state.velocities
+
+    def frame(self, time: float) -> ParticleFrame:
+        """Return copies of the state, after bounding the stretch of the rendering frames."""
+        bound_stretch(self.state.deformation_gradients)
+        return self.state.frame(time, self.problem)
 
 
 @dataclass
@@ -116,12 +144,13 @@ class Particles:
         )
 
 
-def advance(state: Particles, problem: SimulationProblem, grid: Grid, contact: ContactNodes, time_step: float) -> None:
+def advance(state: Particles, problem: SimulationProblem, contact: ContactNodes, grid: Grid, step: Step) -> None:
     """Carry the particles through one substep: scatter, grid, gather, stress."""
+    time_step = step.time_step
     stencil = Stencil.around(state.positions, grid)
     momentum, mass = particles_to_grid(state, stencil, problem.material, grid, time_step)
     velocity = np.divide(momentum, mass[:, None], out=np.zeros_like(momentum), where=mass[:, None] > 0)
-    velocity += time_step * np.array(problem.simulation.gravity)
+    velocity = step.kept * (velocity + time_step * np.array(step.gravity))
     apply_contact(velocity.reshape(*grid.shape, 3), contact)
     apply_walls(velocity.reshape(*grid.shape, 3), problem.boundary, grid)
     grid_to_particles(state, stencil, velocity, problem, grid, time_step)
@@ -234,7 +263,12 @@ def grid_to_particles(
     flow = return_mapping(change @ state.elastic, state.volume_corrections, problem.material)
     state.elastic, state.volume_corrections = flow.elastic, flow.volume_correction
     state.plastic_strains = state.plastic_strains + flow.sheared
-    moved = state.positions + time_step * state.velocities
+    carry(state, time_step * state.velocities, problem, grid)
+
+
+def carry(state: Particles, ways: Float64Array, problem: SimulationProblem, grid: Grid) -> None:
+    """Move the particles by `ways` (n, 3), m, in place; what leaves the domain weighs nothing from then on."""
+    moved = state.positions + ways
     low, high = (np.array(grid.origin) + grid.spacing * np.array(limit) for limit in problem.limits(grid))
     state.positions = np.clip(moved, low, high)
     leaving = ((moved < low) | (moved > high)).any(axis=1)

@@ -6,12 +6,12 @@ import numpy as np
 
 from slideframe.arrays import Float64Array
 from slideframe.errors import SlideframeError
-from slideframe.problem import SimulationProblem, Wall
+from slideframe.problem import FEATURES, Boundary, SimulationProblem, Wall
 from slideframe.products import Filling, ParticleFrame
 from slideframe.reference.solver import ReferenceSolver
 from slideframe.stages import Solver
 from slideframe.testing.evidence import assert_same, assert_valid, digest, fresh_context
-from slideframe.testing.solver_scenes import block_filling, filling_of, sand_problem
+from slideframe.testing.solver_scenes import block_filling, filling_of, on_level_ground, sand_problem
 
 # float32 keeps 24 bits of a coordinate of a few metres, and a few hundred substeps round it each.
 ROUNDING = 1e-5
@@ -248,6 +248,40 @@ def check_particles_at_the_edge_are_held(stage: Solver, scratch: Path) -> None:
     frames = _solve(stage, _block(), sand_problem(duration=1.0, frame_rate=2.0, gravity=(0.0, 0.0, 9.81)), scratch)
     assert frames[-1].escaped > 0, "sand fell upwards out of the grid, and no escaped particle was counted"
     assert np.isfinite(frames[-1].positions).all(), "positions at the grid's edge aren't finite"
+
+
+def check_declared_features_act(stage: Solver, scratch: Path) -> None:
+    """What the solver says that it can do has its effect, and it says nothing unknown."""
+    unknown = stage.features - FEATURES
+    assert not unknown, f"features not known to slideframe: {', '.join(sorted(unknown))}"
+    laws = {"drucker_prager", "mohr_coulomb", "elastic"}
+    assert stage.features & laws, "no law of the soil is among the features"
+    if "terrain" in stage.features:
+        ground = Boundary(terrain=Wall(kind="stick"))
+        problem = sand_problem(duration=0.4).model_copy(update={"boundary": ground})
+        block = on_level_ground(block_filling((1.0, 0.25, 1.0), (2.0, 0.75, 1.5)), 1.0)
+        frames = _solve(stage, block, problem, scratch, "terrain")
+        lowest = float(frames[-1].positions[:, 2].min())
+        slack = PENETRATION_IN_CELLS * problem.simulation.grid_spacing
+        assert lowest > 1 - slack, f"the mass fell through the terrain at 1 m, to {lowest:.3f} m"
+    if "open_walls" in stage.features:
+        opened = Boundary(sides=Wall(kind="open"))
+        problem = sand_problem(duration=0.8, gravity=(9.81, 0.0, -9.81)).model_copy(update={"boundary": opened})
+        frames = _solve(stage, block_filling((2.5, 0.25, 0.0), (3.5, 0.75, 0.5)), problem, scratch, "open")
+        count = len(frames[0].positions)
+        assert len(frames[-1].positions) == count, "particles that left are missing from the frames"
+        assert frames[-1].escaped > 0.5 * count, f"{frames[-1].escaped} of {count} particles left by an open wall"
+    if "mohr_coulomb" in stage.features:
+        rough = Wall(kind="friction", friction_angle=22.0)
+        problem = sand_problem(duration=0.6, frame_rate=5.0, friction_angle=22.0, floor=rough)
+        pyramid = problem.material.model_copy(update={"friction_match": "mohr_coulomb"})
+        problem, filling = problem.model_copy(update={"material": pyramid}), block_filling((0, 0, 0), (1.0, 0.5, 1.0))
+        mine = _displacement(_solve(stage, filling, problem, scratch, "pyramid"))
+        theirs = _displacement(_solve(ReferenceSolver(), filling, problem, scratch, "pyramid-reference"))
+        error = np.linalg.norm(mine - theirs) / np.linalg.norm(theirs)
+        assert error <= COLLAPSE_TOLERANCE, (
+            f"with mohr_coulomb the centre moved by {mine} m, the reference's by {theirs} m"
+        )
 
 
 def check_bad_starts_are_refused(stage: Solver, scratch: Path) -> None:

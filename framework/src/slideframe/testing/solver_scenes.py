@@ -27,6 +27,7 @@ def sand_problem(
     sides: Wall | None = None,
     floor: Wall | None = None,
     precision: str = "float32",
+    time_step: str = "fixed",
 ) -> SimulationProblem:
     """Return sand of 2000 kg/m3."""
     return SimulationProblem(
@@ -44,6 +45,7 @@ def sand_problem(
                 "grid_spacing": spacing,
                 "gravity": gravity,
                 "precision": precision,
+                "time_step": time_step,
             }
         ),
     )
@@ -73,4 +75,16 @@ def filling_of(positions: Float32Array, particle_volume: float, *, size: tuple[f
         surface_vertices=np.zeros((0, 3), np.float32),
         surface_triangles=np.zeros((0, 3), np.int32),
         surface_support=np.zeros(0, np.uint8),
+    )
+
+
+def on_level_ground(filling: Filling, height: float) -> Filling:
+    """Return the filling with a level terrain at `height`, m, that reaches beyond its bounds."""
+    (west, south, _), (east, north, _) = filling.bounds
+    corners = [(west - 1, south - 1), (east + 1, south - 1), (east + 1, north + 1), (west - 1, north + 1)]
+    return filling.model_copy(
+        update={
+            "terrain_vertices": np.array([(*corner, height) for corner in corners], np.float32),
+            "terrain_triangles": np.array([[0, 1, 2], [0, 2, 3]], np.int32),
+        }
     )

@@ -3,23 +3,24 @@
 from collections.abc import Iterator
 from typing import ClassVar
 
-import numpy as np
 from pydantic import Field
 
 from slideframe.checkpoint import Checkpoints
 from slideframe.device import Device
 from slideframe.errors import ConfigurationError
-from slideframe.guards import Pace, check_memory, check_motion, check_start, start_frame
-from slideframe.problem import ProblemModel, SimulationProblem
+from slideframe.guards import check_memory, check_start
+from slideframe.problem import FEATURES, ProblemModel, SimulationProblem
 from slideframe.products import Filling, ParticleFrame
 from slideframe.stages import Context, Solver
 from slideframe.tiles import estimate_nodes
+from slideframe.time_integration import March
 
 
 class TaichiSolver(Solver):
     """Explicit MLS-MPM on the CPU's cores or an NVIDIA card by Taichi."""
 
     name = "mpm_taichi"
+    features: ClassVar[frozenset[str]] = FEATURES
     backend: ClassVar[tuple[str, ...]] = ("taichi",)
     devices: ClassVar[frozenset[str]] = frozenset({"cpu", "cuda"})
 
@@ -51,30 +52,8 @@ class TaichiSolver(Solver):
         simulation, particle_count = problem.simulation, len(filling.particle_positions)
         node_count = estimate_nodes(filling, grid)
         check_memory(bytes_needed(particle_count, node_count, simulation.precision), particle_count, node_count)
-        time_step, substeps = problem.time_step(grid)
-        masses = problem.material.density * filling.particle_volumes.astype(np.float64)
-        pace = Pace(context, simulation, masses, time_step)
-        checkpoints = Checkpoints(context, self.checkpoint_every)
-        found = checkpoints.latest()
-        first = found[0] + 1 if found else 1
-        if not found:
-            yield start_frame(filling, problem)
-
         with session(context.device, simulation.precision):
             stepper = Stepper(filling, problem, grid, context.device)
-            if found:
-                stepper.restore(found[1])
-                pace.resume(int(found[1]["substeps"]))
-                found = None  # its arrays
-            for frame in range(first, simulation.frame_count):
-                with pace:
-                    for substep in range(1, substeps + 1):
-                        # written so that NaN, too, is found
-                        if not stepper.substep() * time_step <= grid.spacing:
-                            now = (frame - 1) / simulation.frame_rate + substep * time_step
-                            check_motion(*stepper.motion(), now, grid, time_step)
-                product = stepper.frame(frame / simulation.frame_rate)
-                pace.frame_done(frame, substeps, product)
-                yield product
-                if checkpoints.is_due(frame):
-                    checkpoints.write(frame, stepper.state() | {"substeps": np.array(pace.substeps)})
+            yield from March(filling, problem, grid, context).frames(
+                stepper, Checkpoints(context, self.checkpoint_every)
+            )

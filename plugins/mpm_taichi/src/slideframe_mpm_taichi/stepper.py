@@ -10,10 +10,12 @@ from slideframe.arrays import Float64Array
 from slideframe.contact import terrain_contact
 from slideframe.device import Device
 from slideframe.guards import STRETCH_BOUNDS
+from slideframe.initial_stress import elastic_state
 from slideframe.problem import LAWS, Grid, SimulationProblem
 from slideframe.products import Filling, ParticleFrame
 from slideframe.stress import stress_fields, symmetric
 from slideframe.tiles import MOST_DRIFT
+from slideframe.time_integration import Step
 from slideframe_mpm_taichi.layout import INTEGERS_PER_NODE, REALS_PER_NODE, Layout
 from slideframe_mpm_taichi.particles import INTEGERS_PER_PARTICLE, REALS_PER_PARTICLE, Particles
 
@@ -45,31 +47,51 @@ class Stepper:
         from slideframe_mpm_taichi.kernels import CHUNK
 
         self.coloured = device.kind == "cpu" if coloured is None else coloured
-        self.grid, self.problem, self.precision = grid, problem, problem.simulation.precision
-        self.time_step, _ = problem.time_step(grid)
+        self.grid, self.precision = grid, problem.simulation.precision
+        self.problem, self.filling = problem, filling
+        self.step = Step(0.0, problem.simulation.gravity)
+        self.contact = terrain_contact(filling, problem, grid)
+        self.ground: tuple[Any, ...] = ()
         self.particles = Particles(filling, problem.material.density, grid, self.precision)
         self.layout = Layout(self.precision, self.particles.count, device.kind == "cpu")
         real = ti.f64 if self.precision == "float64" else ti.f32
         self.fastest = ti.ndarray(real, -(-self.particles.count // CHUNK))
-        self.gravity = ti.ndarray(ti.types.vector(3, real), 1)
-        self.gravity.from_numpy(np.array([problem.simulation.gravity], self.precision))
         # a bound on how far, in cells, a particle has moved since the layout was made; there is none at first
         self.drift = np.inf
-        self._arrange(filling, problem)
 
-    def _arrange(self, filling: Filling, problem: SimulationProblem) -> None:
-        """Order the arguments of a substep's launches that stay the same, once."""
-        grid, soil, boundary = self.grid, problem.material, problem.boundary
-        contact = terrain_contact(filling, problem, grid)
-        self.ground = (self._vectors(contact.columns, np.int32), self._vectors(contact.normals))
+    def begin(self, step: Step) -> None:
+        """Do all later substeps with `step`; stress terms made for another time step are made anew."""
+        from slideframe_mpm_taichi import kernels
+
+        before, settled, self.step = self.step.time_step, self.step.settling, step
+        acting = self.problem.settling() if step.settling else self.problem
+        if not self.ground or before == 0 or settled != step.settling:
+            contact = self.contact.settling() if step.settling else self.contact
+            self.ground = self._vectors(contact.columns, np.int32), self._vectors(contact.normals)
+        grid, soil, boundary = self.grid, self._vectors([acting.material.constants]), acting.boundary
+        radius = SERIES_RADIUS[self.precision]
         self._update = (
-            self.gravity, self.time_step, 1.0, *self.ground, grid.padding, grid.high,
+            self._vectors([step.gravity]), step.time_step, step.kept, *self.ground, grid.padding, grid.high,
             boundary.sides.coefficient, boundary.floor.coefficient,
         )  # fmt: skip
         self._constants = (
-            self.time_step, grid.spacing, LAWS.index(soil.law), self._vectors([soil.constants]),
-            self._vectors(problem.limits(grid)), SERIES_RADIUS[self.precision],
+            step.time_step, grid.spacing, LAWS.index(acting.material.law), soil,
+            self._vectors(acting.limits(grid)), radius,
         )  # fmt: skip
+        arrays = (self.particles[name] for name in ("affines", "elastic_states", "volumes"))
+        kernels.retime(*arrays, 4.0 * (before - step.time_step) / grid.spacing, soil, radius)
+
+    def load(self, hencky: Float64Array) -> None:
+        """Take elastic Hencky strains (n, 3, 3) in the order of the filling as the state."""
+        self.particles.assign("elastic_states", elastic_state(hencky))
+
+    def restart(self) -> None:
+        """Put the particles back where they were at t = 0 and keep their stress."""
+        states = self.particles.in_order("elastic_states")
+        self.particles = Particles(self.filling, self.problem.material.density, self.grid, self.precision)
+        self.particles.assign("elastic_states", states)
+        self.step = Step(0.0, self.step.gravity)
+        self.drift = np.inf
 
     def _vectors(self, values: npt.ArrayLike, kind: npt.DTypeLike = None) -> Any:
         """Return values (..., n) as an array of vectors of n, reals unless told otherwise."""
@@ -107,7 +129,7 @@ class Stepper:
             layout.nodes, *where, *(particles[name] for name in names), *self._constants, self.fastest
         )
         speed = float(kernels.greatest(self.fastest))
-        self.drift += speed * self.time_step / self.grid.spacing
+        self.drift += speed * self.step.time_step / self.grid.spacing
         return speed
 
     def _sort(self) -> None:
@@ -124,11 +146,12 @@ class Stepper:
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """Return all that the next substep depends on; from here on a stepper with that state has the same bits."""
         self.drift = np.inf  # both lay the grid anew
-        return self.particles.state()
+        return self.particles.state() | {"time_step": np.array(self.step.time_step)}
 
     def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
         """Go on from a state."""
         self.particles.restore(state)
+        self.step = Step(float(state["time_step"]), self.step.gravity)
         self.drift = np.inf
 
     def motion(self) -> tuple[Float64Array, npt.NDArray[np.floating]]:

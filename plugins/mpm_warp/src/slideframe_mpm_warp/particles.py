@@ -53,6 +53,12 @@ class Particles:
     def __getitem__(self, name: str) -> Any:
         return self._arrays[name]
 
+    def assign(self, name: str, values: npt.NDArray[np.floating]) -> None:
+        """Take values in the filling's order as one of the arrays of reals."""
+        array = self._arrays[name]
+        ordered = values[self._arrays["identities"].numpy()]
+        array.assign(ordered.astype(array.numpy().dtype))
+
     def swap(self, name: str) -> tuple[Any, Any]:
         """Return an array and a spare one of its type that takes its place; the old one is the next spare."""
         import warp as wp

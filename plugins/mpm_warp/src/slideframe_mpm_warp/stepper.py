@@ -9,10 +9,12 @@ import numpy.typing as npt
 from slideframe.arrays import Float64Array
 from slideframe.contact import ContactNodes, terrain_contact
 from slideframe.guards import STRETCH_BOUNDS
+from slideframe.initial_stress import elastic_state
 from slideframe.problem import LAWS, Grid, SimulationProblem
 from slideframe.products import Filling, ParticleFrame
 from slideframe.stress import stress_fields, symmetric
 from slideframe.tiles import MOST_DRIFT
+from slideframe.time_integration import Step
 from slideframe_mpm_warp.cores import Cores
 from slideframe_mpm_warp.layout import INTEGERS_PER_NODE, REALS_PER_NODE, Layout
 from slideframe_mpm_warp.particles import INTEGERS_PER_PARTICLE, REALS_PER_PARTICLE, Particles
@@ -44,9 +46,10 @@ class Stepper:
         self.coloured = device == "cpu" if coloured is None else coloured
         self.grid, self.device, self.problem = grid, device, problem
         self.kernels: Any = kernels_in(problem.simulation.precision, device, not self.coloured)
-        self.time_step, _ = problem.time_step(grid)
+        self.step = Step(0.0, problem.simulation.gravity)
+        self.filling, self.contact = filling, terrain_contact(filling, problem, grid)
+        self.ground: tuple[Any, ...] = ()
         self.particles = Particles(filling, problem.material.density, grid, self.kernels, device)
-        self.ground = self._ground(terrain_contact(filling, problem, grid))
         self.layout = Layout(self.kernels, device, self.particles.count)
         self.cores = Cores(self.particles.count if self.coloured else 1)
         chunks = -(-self.particles.count // self.kernels.CHUNK)
@@ -54,6 +57,33 @@ class Stepper:
         # a bound on how far, in cells, a particle has moved since the layout was made; there is none at first
         self.drift = np.inf
         self._phases: list[list[Any]] = []
+
+    def begin(self, step: Step) -> None:
+        """Do all later substeps with `step`; stress terms made for another time step are made anew."""
+        before, settled, self.step = self.step.time_step, self.step.settling, step
+        if not self.ground or before == 0 or settled != step.settling:
+            self.acting = self.problem.settling() if step.settling else self.problem
+            self.ground = self._ground(self.contact.settling() if step.settling else self.contact)
+        even = _even_runs(self.particles.count, self.cores.count)
+        arrays = [self.particles[name] for name in ("affines", "elastic_states", "volumes")]
+        change = 4.0 * (before - step.time_step) / self.grid.spacing
+        soil = self.kernels.Soil(*self.problem.material.constants)
+        self.cores.run(self._record(self.kernels.retime, even, *arrays, change, soil, JACOBI_SWEEPS))
+        if self._phases:
+            self._prepare()
+
+    def load(self, hencky: Float64Array) -> None:
+        """Take elastic Hencky strains (n, 3, 3) in the order of the filling as the state."""
+        self.particles.assign("elastic_states", elastic_state(hencky))
+
+    def restart(self) -> None:
+        """Put the particles back where they were at t = 0 and keep their stress."""
+        states = self.particles.in_order("elastic_states")
+        density = self.problem.material.density
+        self.particles = Particles(self.filling, density, self.grid, self.kernels, self.device)
+        self.particles.assign("elastic_states", states)
+        self.step = Step(0.0, self.step.gravity)
+        self.drift, self._phases = np.inf, []
 
     def _ground(self, contact: ContactNodes) -> tuple[Any, Any]:
         """Return where solid ground acts, in Warp's memory."""
@@ -72,7 +102,7 @@ class Stepper:
         for parts in self._phases:
             self.cores.run(parts)
         speed = float(self.fastest.numpy().max())
-        self.drift += speed * self.time_step / self.grid.spacing
+        self.drift += speed * self.step.time_step / self.grid.spacing
         return speed
 
     def _sort(self) -> None:
@@ -95,11 +125,11 @@ class Stepper:
         runs = layout.cut(self.cores.count) if self.coloured else [[(0, particles.count)]]
         self._phases = [self._record(kernels.particles_to_grid, run, *scattered, layout.nodes) for run in runs if run]
 
-        boundary, gravity = self.problem.boundary, np.array(self.problem.simulation.gravity)
+        boundary, change = self.acting.boundary, self.step.time_step * np.array(self.step.gravity)
         even = _even_runs(layout.node_count, self.cores.count)
         self._phases += [self._record(
             kernels.update_grid, even, layout.nodes, layout.columns, layout.owners, layout.corner, layout.across,
-            kernels.Vector(*(gravity * self.time_step)), 1.0, *self.ground, self.grid.padding,
+            kernels.Vector(*change), self.step.kept, *self.ground, self.grid.padding,
             wp.vec2i(*self.grid.high), kernels.Vector2(boundary.sides.coefficient, boundary.floor.coefficient),
         )]  # fmt: skip
 
@@ -107,11 +137,11 @@ class Stepper:
             "positions", "residuals", "velocities", "affines", "elastic_states", "volume_corrections",
             "deformation_gradients", "held", "masses", "volumes",
         )  # fmt: skip
-        soil = self.problem.material
+        soil = self.acting.material
         even = _even_runs(particles.count, self.cores.count, kernels.CHUNK)
         self._phases += [self._record(
             kernels.grid_to_particles, even, layout.nodes, *where, *(particles[name] for name in names), self.fastest,
-            self.time_step, self.grid.spacing, LAWS.index(soil.law), kernels.Soil(*soil.constants),
+            self.step.time_step, self.grid.spacing, LAWS.index(soil.law), kernels.Soil(*soil.constants),
             *(kernels.Vector(*limit) for limit in self.problem.limits(self.grid)), JACOBI_SWEEPS,
         )]  # fmt: skip
 
@@ -127,11 +157,12 @@ class Stepper:
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """Return all that the next substep depends on; from here on a stepper with that state has the same bits."""
         self.drift = np.inf  # both lay the grid anew
-        return self.particles.state()
+        return self.particles.state() | {"time_step": np.array(self.step.time_step)}
 
     def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
         """Go on from a state."""
         self.particles.restore(state)
+        self.step = Step(float(state["time_step"]), self.step.gravity)
         self.drift = np.inf
 
     def motion(self) -> tuple[Float64Array, npt.NDArray[np.floating]]:

@@ -22,7 +22,7 @@ from .layout import (
 )
 from .materials import return_mapping
 from .rendering import bound_stretch
-from .transfers import CHUNK, greatest, grid_to_particles, particles_to_grid, particles_to_grid_atomic
+from .transfers import CHUNK, greatest, grid_to_particles, particles_to_grid, particles_to_grid_atomic, retime
 
 __all__ = [
     "CHUNK",
@@ -39,6 +39,7 @@ __all__ = [
     "place_columns",
     "rank_particles",
     "reorder",
+    "retime",
     "return_mapping",
     "size_tiles",
     "update_grid",

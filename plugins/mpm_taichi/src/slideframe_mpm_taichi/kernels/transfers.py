@@ -4,7 +4,7 @@ import taichi as ti
 
 from .arrays import Array
 from .layout import Pair
-from .materials import kirchhoff_stress, return_mapping
+from .materials import hencky_strain, kirchhoff_stress, return_mapping
 from .stencils import spline, stencil_around
 from .tensors import pack, sphere, unpack
 
@@ -188,9 +188,18 @@ def grid_to_particles(
             if leaving:
                 held[particle] = 1
                 masses[particle] = 0.0
+                volumes[particle] = 0.0
                 velocities[particle] = ti.Vector([0.0, 0.0, 0.0])
                 affines[particle] = sphere(0.0)
         fastest[chunk] = chunk_fastest
+
+
+@ti.kernel
+def retime(affines: Array, elastic_states: Array, volumes: Array, change: float, soils: Array, series_radius: float):
+    """Make the stress term of the next scatter for another time step; `change` is 4 (old - new) / spacing."""
+    for particle in range(affines.shape[0]):
+        hencky = hencky_strain(unpack(elastic_states[particle]), series_radius)
+        affines[particle] += change * volumes[particle] * kirchhoff_stress(hencky, soils[0])
 
 
 @ti.kernel

@@ -14,7 +14,7 @@ from .layout import bound_columns, bound_tiles, key_particles, place_columns, re
 from .materials import Soil, return_mapping
 from .reals import Matrix, Real, Vector, Vector2, Vector4, Vector6
 from .rendering import bound_stretch
-from .transfers import CHUNK, grid_to_particles, particles_to_grid
+from .transfers import CHUNK, grid_to_particles, particles_to_grid, retime
 
 __all__ = [
     "CHUNK",
@@ -33,6 +33,7 @@ __all__ = [
     "particles_to_grid",
     "place_columns",
     "reorder",
+    "retime",
     "return_mapping",
     "size_tiles",
     "update_grid",

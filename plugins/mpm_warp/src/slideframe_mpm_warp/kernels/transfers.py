@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from .materials import Soil, kirchhoff_stress, return_mapping
+from .materials import Soil, hencky_strain, kirchhoff_stress, return_mapping
 from .reals import SHARED_NODES, Matrix, Real, Vector, Vector4, Vector6
 from .stencils import stencil_around
 from .tensors import pack, unpack
@@ -117,9 +117,26 @@ def grid_to_particles(
     if leaving:
         held[particle] = 1
         masses[particle] = Real(0.0)
+        volumes[particle] = Real(0.0)
         velocities[particle] = Vector()
         affines[particle] = Matrix()
     speed = wp.max(wp.abs(velocity))
     if not (speed <= UNBOUNDED):
         speed = UNBOUNDED
     wp.atomic_max(fastest, particle // CHUNK, speed)
+
+
+@wp.kernel
+def retime(
+    first: int,
+    affines: wp.array(dtype=Matrix),
+    elastic_states: wp.array(dtype=Vector6),
+    volumes: wp.array(dtype=Real),
+    change: Real,
+    soil: Soil,
+    sweeps: int,
+):
+    """Make the stress term of the next scatter for another time step; `change` is 4 (old - new) / spacing."""
+    particle = first + wp.tid()
+    hencky = hencky_strain(unpack(elastic_states[particle]), sweeps)
+    affines[particle] += change * volumes[particle] * kirchhoff_stress(hencky, soil)
