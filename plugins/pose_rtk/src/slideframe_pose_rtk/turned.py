@@ -4,8 +4,7 @@ import numpy as np
 
 from slideframe.arrays import Float64Array
 from slideframe.stages import Context
-from slideframe_pose_rtk.adjustment import Poses
-from slideframe_pose_rtk.flight import Flight
+from slideframe_pose_rtk.flight import Flight, Poses
 from slideframe_pose_rtk.naming import names
 
 # Gimbals and compasses were found up to 5 degrees off on real flights; what is beyond these isn't their noise.
