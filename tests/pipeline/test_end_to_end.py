@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -161,7 +162,12 @@ def wait_for_picture(viewer) -> np.ndarray:
     deadline, before = time.monotonic() + 90, np.zeros(())
     while time.monotonic() < deadline:
         time.sleep(4)
-        picture = np.asarray(Image.open(io.BytesIO(viewer.take_screenshot())).convert("RGB"))
+        shot = None
+        with suppress(TimeoutError):  # a viewer that still loads, on a busy machine
+            shot = viewer.take_screenshot()
+        if shot is None:
+            continue
+        picture = np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"))
         if (
             viewer.get_state().views
             and before.shape == picture.shape
