@@ -9,6 +9,7 @@ from slideframe.verification import (
     contact,
     elastic,
     elements,
+    hold,
     invariance,
     slopes,
     terrain,
@@ -19,6 +20,7 @@ from slideframe.verification.case import Case
 CASES: tuple[Case, ...] = (
     *elastic.CASES,
     *vibration.CASES,
+    *hold.CASES,
     *elements.CASES,
     *conservation.CASES,
     *contact.CASES,
