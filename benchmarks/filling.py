@@ -1,9 +1,9 @@
 """What filling a region costs and how good it is.
 
-    python benchmarks/filling.py scene RUN_FOLDER [--truth GROUND_TRUTH_FOLDER]
+    python benchmarks/filling.py scene RUN_FOLDER [--modes engineering paper] [--truth GROUND_TRUTH_FOLDER]
     python benchmarks/filling.py scaling [--splats N ...] [--particles N ...]
 
-`scene` fills the region of a finished run, in both modes, and compares: the surface with the true terrain where it is
+`scene` fills the region of a finished run and compares: the surface with the true terrain where it is
 known (the demo survey keeps its own in `ground_truth`), and what the survey's cameras see at t = 0 with the
 photographs: the scan alone, then with all inferred splats drawn, as if nothing hid them, then as the film does.
 
@@ -58,7 +58,7 @@ def fill(survey: Survey, splats: SplatCloud, problem: FillingProblem, **options:
     return filling, context, np.diff(np.array(marks), axis=0)
 
 
-def scene(run: Path, truth: Path | None) -> None:
+def scene(run: Path, modes: list[str], truth: Path | None) -> None:
     config = RunConfig.model_validate(tomllib.loads((run / "run.toml").read_text()))
     keys, store = json.loads((run / "result.json").read_text())["keys"], Store(run.parent / "store")
     survey = store.entry("pose_source", keys["pose_source"]).read(Survey)
@@ -66,7 +66,7 @@ def scene(run: Path, truth: Path | None) -> None:
     base = likeness(survey, [splats])
     print(f"{run.name}: {len(splats)} splats, {len(survey.photographs)} photographs of {WIDTH} px")
     print(f"scan alone: {base:.3f} dB")
-    for mode in ("engineering", "paper"):
+    for mode in modes:
         options = {"color_neighbours": 1} if mode == "paper" else {}
         filling, context, seconds = fill(survey, splats, config.filling_problem, mode=mode, **options)
         shown = likeness(survey, [splats, filling.interior, filling.scar])
@@ -202,6 +202,7 @@ def main() -> None:
     commands = parser.add_subparsers(dest="command", required=True)
     of_scene = commands.add_parser("scene")
     of_scene.add_argument("run", type=Path)
+    of_scene.add_argument("--modes", nargs="+", default=["engineering", "paper"])
     of_scene.add_argument("--truth", type=Path)
     of_scaling = commands.add_parser("scaling")
     of_scaling.add_argument("--splats", type=int, nargs="*", default=[10_000, 100_000, 1_000_000, 5_000_000])
@@ -213,7 +214,7 @@ def main() -> None:
         return one(*arguments.counts)
     print_machine("slideframe", "slideframe-fill-poisson", "open3d", "manifold3d")
     if arguments.command == "scene":
-        return scene(arguments.run, arguments.truth)
+        return scene(arguments.run, arguments.modes, arguments.truth)
     return scaling(arguments.splats, arguments.particles)
 
 
