@@ -42,9 +42,14 @@ PLAIN = {"mpm_warp": "plain warp", "mpm_taichi": "plain taichi"}
 
 
 def cube_of_sand(particles: int, frames: int) -> tuple[Filling, SimulationProblem]:
-    """Return the cube of whole cells whose number of particles is nearest to that asked for."""
+    """Return the cube of whole cells whose number of particles is nearest to that asked for.
+
+    The particles come in no order, as in the plain solvers' own examples, and as a scan's splats would give them.
+    """
     edge = SPACING * max(2, round((particles / 8) ** (1 / 3)))
     filling = block_filling((0, 0, 0), (edge, edge, edge), size=(2 * edge, edge), particle_spacing=SPACING / 2)
+    order = np.random.default_rng(0).permutation(len(filling.particle_positions))
+    filling = filling.model_copy(update={"particle_positions": filling.particle_positions[order]})
     problem = sand_problem(
         spacing=SPACING,
         duration=frames / FRAME_RATE,
@@ -229,7 +234,8 @@ def main() -> None:
     print_speeds(race([*PLAIN, *PLAIN.values()], options.particles, options.frames))
     print("\nshare of each kernel in CPU time")
     for name in PLAIN:
-        subprocess.run([sys.executable, "-c", SHARES.format(name=name, particles=options.particles)], check=True)
+        command = [sys.executable, "-c", SHARES.format(name=name, particles=options.particles)]
+        subprocess.run(command, cwd=Path(__file__).parent, check=True)
     for particles in options.growth:
         print_speeds(race(list(PLAIN), particles, 3))
 

@@ -38,6 +38,10 @@ def _package_in(precision: str, shared_nodes: bool) -> ModuleType:
     package.__dict__.update(precision=getattr(wp, precision), shared_nodes=shared_nodes)
     sys.modules[name] = package
     specification.loader.exec_module(package)
+    # Warp writes each operation as a statement of its own, across which Clang would not fuse a product and a sum
+    flags = f"{wp.config.cpu_compiler_flags or '-march=native'} -ffp-contract=fast"
+    for module in [module for path, module in sys.modules.items() if path.startswith(f"{name}.")]:
+        wp.set_module_options({"cpu_compiler_flags": flags}, module=module)
     return package
 
 
