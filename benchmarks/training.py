@@ -1,0 +1,92 @@
+"""How splats come to look like the photographs, second by second, and what the anisotropy term is worth.
+
+    python benchmarks/training.py SURVEY_RESULT [--variants NAME ...] [--picture FILE.jpg] [--set OPTION=VALUE ...]
+
+SURVEY_RESULT is a stored survey, `store/pose_source-<key>` of a run that reached that stage. Every variant is one
+training from scratch with otherwise default options. Held-out photographs measure the likeness. For the streaks, each
+splat is turned at random about its centre, as grains of a moving mass turn: compact splats leave the picture much as it
+was, needles smear it. The streak figure is the root mean square change of the picture, in grey levels of 255.
+"""
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import torch
+from machine import print_machine
+from PIL import Image
+
+from slideframe.device import Device
+from slideframe.products import SplatCloud, Survey
+from slideframe.stages import Context
+from slideframe.store import Entry
+from slideframe_gs_torch.evaluation import draw_view
+from slideframe_gs_torch.reconstructor import TorchSplats
+from slideframe_gs_torch.views import TrainingView, load_views
+
+VARIANTS = {
+    "default": {},
+    "no anisotropy term": {"anisotropy_weight": 0.0, "anisotropy_limit": 100.0},
+    "mcmc": {"densification": "mcmc"},
+    "clone_and_split": {"densification": "clone_and_split"},
+    "exposure": {"exposure_correction": True},
+    "depth": {"depth_weight": 0.1},
+}
+LIMIT = 3.0
+BACKGROUND = (0.5, 0.5, 0.5)
+
+
+def turned_at_random(splats: SplatCloud, seed: int = 0) -> SplatCloud:
+    """Return the splats, each with an orientation drawn at random."""
+    rotations = np.random.default_rng(seed).normal(size=splats.rotations.shape)
+    unit = rotations / np.linalg.norm(rotations, axis=1, keepdims=True)
+    return splats.model_copy(update={"rotations": unit.astype(np.float32)})
+
+
+def streaks(splats: SplatCloud, view: TrainingView) -> tuple[float, torch.Tensor]:
+    """Return how much the view changes when all splats turn, in grey levels, and how it looks then."""
+    still = draw_view(splats, view, BACKGROUND)
+    turned = draw_view(turned_at_random(splats), view, BACKGROUND)
+    return float(255 * (turned - still).square().mean().sqrt()), turned
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("survey", type=Path)
+    parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=["default", "no anisotropy term"])
+    parser.add_argument("--picture", type=Path, help="where the turned splats of all variants are drawn side by side")
+    parser.add_argument("--set", nargs="*", default=[], help="options for all variants, such as iterations=4000")
+    arguments = parser.parse_args()
+    print_machine("slideframe-gs-torch", "torch", "numba", "numpy")
+    survey = Entry(arguments.survey).read(Survey)
+    common = dict(assignment.split("=", 1) for assignment in arguments.set)
+    pictures = []
+    for name in arguments.variants:
+        options = TorchSplats.model_validate(common | VARIANTS[name])
+        context = Context(device=Device(), scratch=Path(tempfile.mkdtemp()))
+        splats = options.reconstruct(survey, context)
+        view = load_views(survey, options.image_width, context)[0]
+        changed, turned = streaks(splats, view)
+        pictures.append(np.asarray(turned.permute(1, 2, 0).mul(255).round().to(torch.uint8)))
+        print_variant(name, splats, changed, context.figures)
+    if arguments.picture:
+        Image.fromarray(np.concatenate(pictures, axis=1)).save(arguments.picture, quality=88)
+
+
+def print_variant(name: str, splats: SplatCloud, changed: float, figures: dict) -> None:
+    ratios = splats.scales.max(axis=1) / splats.scales.min(axis=1)
+    print(f"\n{name}: {len(splats):,} splats, {figures['iterations']:,} iterations", end="")
+    print(f" at {figures['iterations_per_second']:.1f}/s")
+    print(f"  held out: {figures['held_out_psnr_db']:.2f} dB PSNR, {figures['held_out_ssim']:.4f} SSIM, ", end="")
+    print(f"{figures['held_out_psnr_db_exposure_fitted']:.2f} dB with the exposure fitted")
+    print(f"  trained above the limit: {figures['share_above_anisotropy_limit']:.2%} of the splats;", end="")
+    print(f" exported above {LIMIT:g}: {(ratios > LIMIT * 1.0001).mean():.2%}, ", end="")
+    print(f"99th percentile {np.quantile(ratios, 0.99):.2f}")
+    print(f"  streaks once all splats have turned: {changed:.2f} grey levels")
+    curve = figures["held_out_psnr_db_by_second"].items()
+    print("  seconds and dB: " + ", ".join(f"{float(seconds):.0f} {psnr:.2f}" for seconds, psnr in curve))
+
+
+if __name__ == "__main__":
+    main()
