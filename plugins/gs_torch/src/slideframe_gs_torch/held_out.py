@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 NEUTRAL_BACKGROUND = (0.5, 0.5, 0.5)
 # Measured that often, in shares of the iterations, from the time when photographs are shown in full.
 MEASURE_SHARE, FIRST_SHARE = 0.05, 0.4
-# Settled when nothing is gained over this share, and not while splats are still being added.
-SETTLE_SHARE, LEAST_SHARE = 0.1, 0.7
+# Settled when nothing is gained over this share, and not while steps are still so long that the likeness wavers.
+SETTLE_SHARE, LEAST_SHARE = 0.1, 0.85
 
 
 class HeldOut:
@@ -40,7 +40,8 @@ class HeldOut:
         state.curve.append((state.iteration, state.seconds, psnr))
         before = [old for iteration, _, old in state.curve if iteration <= state.iteration - SETTLE_SHARE * iterations]
         late = state.iteration >= LEAST_SHARE * iterations
-        return late and bool(before) and psnr - before[-1] < self._options.settle_gain
+        best = max(old for _, _, old in state.curve)
+        return late and bool(before) and best - max(before) < self._options.settle_gain
 
     def report(self, splats: SplatCloud, state: State, context: Context) -> None:
         """Report PSNR and SSIM of every view, and how PSNR grew with the seconds."""

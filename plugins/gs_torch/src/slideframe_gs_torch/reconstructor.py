@@ -22,9 +22,9 @@ class TorchSplats(Reconstructor):
     name: ClassVar[str] = "gs_torch"
     backend: ClassVar[tuple[str, ...]] = ("torch", "numba", "scipy")
 
-    iterations: int = Field(default=2000, ge=1, le=1_000_000, description="photographs shown, one per iteration")
+    iterations: int = Field(default=2500, ge=1, le=1_000_000, description="photographs shown, one per iteration")
     splat_budget: int = Field(
-        default=100_000, ge=100, le=10_000_000, description="most splats that densification makes"
+        default=150_000, ge=100, le=10_000_000, description="most splats that densification makes"
     )
     densification: Densification = Field(
         default="budgeted_splits",
@@ -37,7 +37,7 @@ class TorchSplats(Reconstructor):
     )
     harmonics_degree: int = Field(default=1, ge=0, le=3, description="degree of the view-dependent colour")
     anisotropy_limit: float = Field(default=3.0, gt=1, le=100, description="r: largest ratio of a splat's scales")
-    anisotropy_weight: float = Field(default=0.1, ge=0, description="lambda of the anisotropy loss")
+    anisotropy_weight: float = Field(default=0.2, ge=0, description="lambda of the anisotropy loss")
     ssim_weight: float = Field(default=0.2, ge=0, le=1, description="share of 1 - SSIM in the image loss, beside L1")
     depth_weight: float = Field(
         default=0.0,
