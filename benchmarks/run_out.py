@@ -20,6 +20,7 @@ from slideframe.problem import SimulationProblem
 from slideframe.products import Filling
 from slideframe.testing.solver_scenes import filling_of, sand_problem
 from slideframe.tiles import estimate_nodes
+from slideframe.time_integration import Step
 
 SPACING = 0.25
 PARTICLE_SPACING = SPACING / 2
@@ -57,10 +58,13 @@ def stepper_of(name: str, filling: Filling, problem: SimulationProblem):
     if name == "mpm_warp":
         from slideframe_mpm_warp.stepper import Stepper
 
-        return Stepper(filling, problem, grid, "cpu")
-    from slideframe_mpm_taichi.stepper import Stepper
+        stepper = Stepper(filling, problem, grid, "cpu")
+    else:
+        from slideframe_mpm_taichi.stepper import Stepper
 
-    return Stepper(filling, problem, grid, Device())
+        stepper = Stepper(filling, problem, grid, Device())
+    stepper.begin(Step(problem.time_step(grid)[0], problem.simulation.gravity))
+    return stepper
 
 
 def session_of(name: str):
