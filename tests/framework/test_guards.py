@@ -5,6 +5,7 @@ import pytest
 
 from slideframe import guards
 from slideframe.errors import ConfigurationError, InputError, StageFailed
+from slideframe.problem import Boundary, Domain
 from slideframe.reference.solver import ReferenceSolver
 from slideframe.testing.evidence import fresh_context
 from slideframe.testing.solver_scenes import block_filling, filling_of, sand_problem
@@ -27,6 +28,14 @@ def test_a_volume_of_zero_is_named():
     volumes[7] = 0
     with pytest.raises(InputError, match="particle 7"):
         guards.check_start(filling.model_copy(update={"particle_volumes": volumes}), sand_problem())
+
+
+def test_walls_inside_the_mass_are_refused():
+    filling, problem = block_filling((0, 0, 0), (1, 1, 0.5)), sand_problem()
+    cut = Boundary(domain=Domain(x_min=0.5, x_max=4.0))
+    with pytest.raises(InputError, match=r"\d+ of 256 particles lie outside the domain's walls"):
+        guards.check_start(filling, problem.model_copy(update={"boundary": cut}))
+    guards.check_start(filling, problem.model_copy(update={"boundary": Boundary(domain=Domain(margin=1.0))}))
 
 
 def test_cells_larger_than_the_region_are_refused():

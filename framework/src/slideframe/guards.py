@@ -65,7 +65,7 @@ def check_start(filling: Filling, problem: SimulationProblem) -> Grid:
         )
     width, depth, _ = np.ptp(filling.bounds, axis=0)
     check_spacing((float(width), float(depth)), problem.simulation)
-    _check_inside(filling, problem.simulation)
+    _check_inside(filling, problem)
     if not (filling.particle_volumes > 0).all():
         index = int(np.argmin(filling.particle_volumes))
         raise InputError(
@@ -76,18 +76,19 @@ def check_start(filling: Filling, problem: SimulationProblem) -> Grid:
     return problem.grid(filling)
 
 
-def _check_inside(filling: Filling, simulation: Simulation) -> None:
+def _check_inside(filling: Filling, problem: SimulationProblem) -> None:
     positions = filling.particle_positions
-    slack = START_TOLERANCE * simulation.grid_spacing
-    low, high = filling.bounds[0] - slack, filling.bounds[1] + slack
+    slack = START_TOLERANCE * problem.simulation.grid_spacing
+    low, high = problem.boundary.domain.bounds(filling)
+    low, high = low - slack, high + slack
     outside = ((positions < low) | (positions > high)).any(axis=1)
     if outside.any():
         index = int(np.argmax(outside))
         raise InputError(
-            f"{int(outside.sum())} of {len(positions)} particles lie outside the region's bounds, "
+            f"{int(outside.sum())} of {len(positions)} particles lie outside the domain's walls, "
             f"the first is particle {index} at {_place(positions[index])}",
             where="solver",
-            cure="fill and simulate the same region",
+            cure="fill and simulate the same region, and let boundary.domain hold the whole mass",
         )
 
 
