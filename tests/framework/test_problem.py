@@ -86,6 +86,8 @@ def test_particles_leave_at_open_walls_only():
     ends = tuple(length - 2 for length in grid.shape)
     assert closed.limits(grid) == ((1, 1, 1), ends)
     assert opened.limits(grid) == ((grid.padding, grid.padding, 1), (*grid.high, ends[2]))
+    bottomless = problem().model_copy(update={"boundary": Boundary(floor=Wall(kind="open"))})
+    assert bottomless.limits(grid) == closed.limits(grid)
 
 
 def test_dilatancy_beyond_friction_is_refused():

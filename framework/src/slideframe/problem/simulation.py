@@ -104,10 +104,11 @@ class SimulationProblem(ProblemModel):
     def limits(self, grid: Grid) -> tuple[Vector, Vector]:
         """Return the lowest and the highest position that a particle may have, in cells from the grid's origin.
 
-        Beyond it is taken out and counted: at open walls there, at all others where the grid ends.
+        Beyond it is taken out and counted: at open sides there, at all others where the grid ends. So below an open
+        floor too, since the ground may lie on it, into which the mass presses by a part of a cell.
         """
-        sides, floor = self.boundary.sides.kind == "open", self.boundary.floor.kind == "open"
-        low = (grid.padding if sides else 1.0, grid.padding if sides else 1.0, grid.padding if floor else 1.0)
+        sides = self.boundary.sides.kind == "open"
+        low = (grid.padding if sides else 1.0, grid.padding if sides else 1.0, 1.0)
         ends = [length - 2.0 for length in grid.shape]
         high = (grid.high[0] if sides else ends[0], grid.high[1] if sides else ends[1], ends[2])
         return low, high
