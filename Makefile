@@ -1,7 +1,7 @@
 # Everything a fresh Debian or Ubuntu with Python >= 3.11 needs. Both main targets do all set-up themselves.
 #
 #   make demo    the embedded demo, photographs to film        about 7 minutes on two cores
-#   make test    linters, types, contracts and all tests       about 8 minutes on two cores
+#   make test    linters, types, contracts and all tests       about 13 minutes on two cores
 
 SHELL := /bin/bash
 PYTHON ?= python3
@@ -17,7 +17,7 @@ demo: setup
 	$(BIN)/slideframe run --solver mpm_warp
 
 test: setup lint
-	@echo "== tests (about 6 minutes on two cores) =="
+	@echo "== tests (about 12 minutes on two cores) =="
 	$(BIN)/python -m pytest
 
 lint: setup
