@@ -168,6 +168,9 @@ class March:
         `kept` is the share of velocity that damping leaves after `duration`.
         """
         adaptive = self.problem.simulation.time_step == "adaptive"
+        # steps that shrink with the speed would let a runaway particle go on for ever: none may cross a cell in the
+        # step that is enough for a fall through the whole grid
+        fall_step = self.problem.time_step(self.grid)[0]
         remaining, left, bound, time_step = duration, 0, 0.0, 0.0
         while True:
             if not left or (adaptive and self.speed > bound):
@@ -179,8 +182,9 @@ class March:
             left, remaining = left - 1, remaining - time_step
             self.substeps, self.elapsed = self.substeps + 1, self.elapsed + time_step
             # written so that NaN, too, is found
-            if not self.speed * time_step <= self.grid.spacing:
-                check_motion(*stepper.motion(), self.elapsed, self.grid, time_step)
+            watched = max(time_step, fall_step)
+            if not self.speed * watched <= self.grid.spacing:
+                check_motion(*stepper.motion(), self.elapsed, self.grid, watched)
             if not left:
                 return
 
