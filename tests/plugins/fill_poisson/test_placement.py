@@ -33,6 +33,14 @@ def wedge(half, height):
     return under.common(upright_prism([square(half)], 0, 2 * height, PLAN)), 2 * half**2 * height
 
 
+def thin_edge(shape, half, height, spacing):
+    """Return the volume of a wedge's edge that may stay empty before scaling: less than half a spacing thick in the
+    middle of its columns, m3.
+    """
+    slope = height / (2 * half)
+    return 0.0 if shape is box else slope * (0.5 * spacing / slope + 0.5 * spacing) ** 2 / 2 * 2 * half
+
+
 def cap(radius, height, ratio):
     """The lower cap of an ellipsoid, `height` deep and `ratio` times as long as wide, under a level top."""
     sphere = (radius**2 + height**2) / (2 * height)
@@ -64,7 +72,8 @@ def test_boxes_and_wedges(placement, shape, half, height, spacing):
     solid, volume = shape(half, height)
     assert solid.volume == pytest.approx(volume, rel=1e-6)
     body, positions, volumes = filled(solid, spacing, placement)
-    assert volumes.sum(dtype=np.float64) == pytest.approx(volume, rel=VOLUME_TOLERANCE[placement])
+    slack = VOLUME_TOLERANCE[placement] * volume + thin_edge(shape, half, height, spacing)
+    assert volumes.sum(dtype=np.float64) == pytest.approx(volume, abs=slack)
     assert body.inside(positions).all()
     inside = (np.abs(positions[:, :2]) <= half).all(axis=1) & (positions[:, 2] >= 0)
     assert inside.all()
