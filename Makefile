@@ -38,7 +38,7 @@ $(READY): constraints.txt requirements-dev.txt framework/pyproject.toml $(PLUGIN
 	@test -x $(BIN)/pip || $(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --requirement requirements-dev.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --no-build-isolation \
-	  --editable "framework[compressed,video]" $(PLUGINS:%=--editable %)
+	  --editable "framework[compressed,geo,video]" $(PLUGINS:%=--editable %)
 	@touch $@
 
 # open3d links against the libraries; the names are Debian's and Ubuntu's. ldconfig is not on every user's path.
