@@ -36,13 +36,16 @@ except StoreError as error:
 def test_a_full_disk_under_the_recording_is_an_error_and_no_endless_wait(tmp_path):
     path = tmp_path / "recording.rrd"
     program = FULL_DISK.format(path=str(path))
+    hung = False
     try:
-        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, timeout=60)
+        told = done.stdout
     except subprocess.TimeoutExpired as hang:
-        # seen twice in some fifty runs, and never outside a long test session
-        pytest.xfail(f"rerun 0.41's writer doesn't always let go once it has died: {hang.stdout!r}")
-    assert "the recording can't be written" in done.stdout, done.stderr
+        hung, told = True, hang.stdout or b""
+    assert b"the recording can't be written" in told
     assert not path.exists()
+    if hung:  # seen twice in some fifty runs, in long test sessions only
+        pytest.xfail("rerun 0.41's writer, once it has died, may keep the process from ending")
 
 
 def test_thinning_is_even_and_keeps_both_ends():
