@@ -16,9 +16,9 @@ from slideframe.errors import MissingDependency
 from slideframe.store import storing
 
 Codec = Literal["h264", "av1"]
-# One thread: the same pictures give the same bytes.
+# The same pictures give the same bytes: one thread, and x264 must not choose its routines by where memory lies.
 ENCODERS: dict[Codec, tuple[str, dict[str, str]]] = {
-    "h264": ("libx264", {"crf": "18", "preset": "faster", "threads": "1"}),
+    "h264": ("libx264", {"crf": "18", "preset": "faster", "threads": "1", "x264-params": "cpu-independent=1"}),
     "av1": ("libsvtav1", {"crf": "26", "preset": "9", "svtav1-params": "lp=1"}),
 }
 

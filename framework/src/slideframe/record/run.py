@@ -49,6 +49,7 @@ def record_run(
     stream, budget = recording.stream, config.outputs.recording_megabytes * 1e6 * (1 - RESERVE)
     if "pose_source" in values:
         log_survey(stream, values["pose_source"])
+        recording.flush()
         log_survey_maps(stream, maps)
     if "reconstructor" in values:
         log_splats(stream, values["reconstructor"])
@@ -58,9 +59,14 @@ def record_run(
     if "renderer" in values:
         left_out += log_film(stream, values["renderer"], config.simulation.frame_rate)
     if "solver" in values:
-        left = int(budget) - recording.written_bytes
+        left = int(budget) - recording.flush()
         scene = values["reconstructor"], values["volume_filler"], values["solver"]
-        left_out += log_motion(stream, *scene, config.simulation_problem, left, progress)
+
+        def frame_done(done: int, total: int) -> None:
+            recording.flush()
+            progress(done, total)
+
+        left_out += log_motion(stream, *scene, config.simulation_problem, left, frame_done)
     log_report(stream, page(left_out), path.with_name("run.toml").read_text(encoding="utf-8"))
     recording.close()
     return left_out
