@@ -1,6 +1,7 @@
 """`slideframe survey` with a stand-in pose source, in this process."""
 
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,16 @@ def test_the_report_stands_alone(photographs: Path, capsys: pytest.CaptureFixtur
     again = json.loads(Path("again/result.json").read_text())
     assert again["keys"] == result["keys"], "the written config means the same survey"
     assert not again["pose_source"]["computed_in_this_run"]
+
+
+def test_options_have_flags_as_run_has_them(photographs: Path) -> None:
+    command = ["survey", str(photographs), "--pose-source", "standin_poses"]
+    assert main([*command, "--seed", "7", "--plugins.standin-poses.height", "45"]) == 0
+    resolved = tomllib.loads(Path("runs/survey-slope/survey.toml").read_text())
+    assert resolved["seed"] == 7
+    assert resolved["plugins"]["standin_poses"]["height"] == 45.0
+    places = Path("runs/survey-slope/cameras/positions.csv").read_text().splitlines()
+    assert float(places[1].split(",")[3]) == pytest.approx(345.0)
 
 
 def test_a_stage_of_another_kind_is_refused(photographs: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,6 +16,7 @@ from slideframe.arrays import Array, Float32Array, Float64Array, Int32Array, Pro
 Triple = tuple[float, float, float]
 PositionFix = Literal["fixed", "float", "single", "none"]
 PictureFault = Literal["blurred", "covered"]
+PoseOrigin = Literal["adjusted", "metadata", "imported"]
 
 
 class _Record(BaseModel):
@@ -52,6 +53,7 @@ class Photograph(_Record):
     stated_position: Triple | None = Field(default=None, description="the camera's place as its metadata has it, m")
     sharpness: float | None = Field(default=None, description="fine over coarse detail, see slideframe.quality")
     fault: PictureFault | None = Field(default=None, description="why its pixels are of little use")
+    pose: PoseOrigin | None = Field(default=None, description="what its pose comes from, where that is known")
     mask: Path | None = Field(default=None, description="picture that is black where pixels are not to be used")
     mask_sha256: str = ""
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from slideframe.errors import InputError
+from slideframe.formats.models import posed_model_files, read_posed_model
 from slideframe.formats.opensfm import read_opensfm
 from slideframe.photographs import distort
 
@@ -82,6 +83,26 @@ def test_points_come_in_the_order_of_their_numbers_and_smaller_parts_are_told(tm
 
 def test_without_a_reference_there_is_none(tmp_path: Path) -> None:
     assert read_opensfm(write(tmp_path, BROWN, reference=False)).georeference is None
+
+
+def test_odms_topocentric_model_is_read_in_place_of_the_projected_one(tmp_path: Path) -> None:
+    """ODM leaves its projected frame under OpenSfM's name: here turned by 1.5 degrees and moved, as a grid's is."""
+    from scipy.spatial.transform import Rotation
+
+    truth = write(tmp_path, BROWN).read_text()
+    (tmp_path / "reconstruction.topocentric.json").write_text(truth)
+    grid = json.loads(truth)
+    for shot in grid[1]["shots"].values():
+        turned = Rotation.from_rotvec(shot["rotation"]) * Rotation.from_euler("z", 1.5, degrees=True)
+        shot["rotation"] = turned.as_rotvec().tolist()
+    (tmp_path / "reconstruction.json").write_text(json.dumps(grid))
+    model = read_posed_model(tmp_path)
+    alone = read_opensfm(tmp_path / "reconstruction.topocentric.json")
+    for view, expected in zip(model.views, alone.views, strict=True):
+        np.testing.assert_array_equal(view.world_from_camera, expected.world_from_camera)
+    rotation = model.views[1].world_from_camera[:, :3].T
+    np.testing.assert_allclose(rotation, Rotation.from_rotvec(SHOT["rotation"]).as_matrix(), atol=1e-12)
+    assert tmp_path / "reconstruction.topocentric.json" in posed_model_files(tmp_path)
 
 
 def test_a_lens_without_counterpart_is_refused(tmp_path: Path) -> None:

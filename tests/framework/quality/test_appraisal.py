@@ -7,7 +7,7 @@ import pytest
 from slideframe.products import GroundPoint, LeftOut
 from slideframe.quality.appraisal import appraise
 from slideframe.quality.drawing import draw_maps
-from slideframe.quality.page import report_lines, report_page
+from slideframe.quality.page import label, report_lines, report_page, shown
 
 # Everywhere five views and more, 45 degrees and more apart, from 40 and 80 m.
 GRID = [(x, y, z) for z in (40, 80) for x in (-20, 0, 20) for y in (-20, 0, 20)]
@@ -95,6 +95,14 @@ def test_maps_show_their_scale(field) -> None:
 
     assert mean_color(many)[1] > mean_color(many)[0]
     assert mean_color(few)[0] > mean_color(few)[1]
+
+
+def test_figures_are_written_as_people_read_them() -> None:
+    assert label("reprojection_error_px") == "reprojection error, px"
+    assert label("mapped_ground_m2") == "mapped ground, m²"
+    assert label("flights") == "flights"
+    assert shown({"flight 1": 1.96942, "flight 2": -0.5}) == "flight 1: 1.969, flight 2: -0.5"
+    assert [shown(value) for value in (32.0, 12786.1, 0.04712, 3)] == ["32", "12786", "0.04712", "3"]
 
 
 def test_the_page_is_self_contained_and_escapes_names(field) -> None:

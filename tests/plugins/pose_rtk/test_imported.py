@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from slideframe.errors import InputError
 from slideframe.formats.colmap import rotation_of, write_colmap_text, write_colmap_views
 from slideframe.formats.posed_camera import PosedCamera
-from slideframe.geodesy import geodetic_from_enu
+from slideframe.geodesy import ecef_from_geodetic, enu_axes, geodetic_from_enu
 from slideframe.problem import Site
 from slideframe.products import Camera, Georeference
 from slideframe.stages import Context
@@ -113,6 +114,50 @@ def test_our_own_export_comes_back(folder: Path, truth: np.ndarray, tmp_path: Pa
     write_colmap_text(survey, tmp_path / "again")
     again = locate(folder, tmp_path / "again", context)
     np.testing.assert_allclose(again.world_from_camera, survey.world_from_camera, atol=DEGREE_ROUNDING)
+
+
+def without_metadata(folder: Path) -> None:
+    """Strip the photographs of all that they tell, as programs that send pictures do."""
+    for path in folder.iterdir():
+        with Image.open(path) as picture:
+            Image.fromarray(np.asarray(picture)).save(path, "JPEG")
+
+
+def test_a_georeferenced_model_places_photographs_that_tell_nothing(
+    folder: Path, truth: np.ndarray, tmp_path: Path, context: Context
+) -> None:
+    """Earth-centred poses as Metashape exports them; the pictures have no position, angles or focal length."""
+    without_metadata(folder)
+    origin = ecef_from_geodetic(np.array([[ORIGIN.latitude, ORIGIN.longitude, ORIGIN.ellipsoidal_height]]))[0]
+    axes = enu_axes(ORIGIN)
+    cameras = []
+    for index, pose in enumerate(truth):
+        matrix = np.eye(4)
+        matrix[:3] = np.column_stack([axes.T @ pose[:, :3], axes.T @ pose[:, 3] + origin])
+        numbers = " ".join(f"{value:.17g}" for value in matrix.ravel())
+        cameras.append(f'<camera id="{index}" sensor_id="0" label="{index}"><transform>{numbers}</transform></camera>')
+    (tmp_path / "cameras.xml").write_text(
+        '<document><chunk><sensors><sensor id="0" label="lens" type="frame"><calibration class="adjusted">'
+        '<resolution width="64" height="48"/><f>60</f><cx>-1</cx><cy>1</cy></calibration></sensor></sensors>'
+        f"<cameras>{''.join(cameras)}</cameras></chunk></document>"
+    )
+    survey = locate(folder, tmp_path / "cameras.xml", context)
+    np.testing.assert_allclose(survey.world_from_camera, truth, atol=1e-6)
+    assert survey.cameras == (LENS,)
+    assert {photograph.pose for photograph in survey.photographs} == {"imported"}
+    assert {(photograph.stated_position, photograph.fix) for photograph in survey.photographs} == {(None, None)}
+    assert context.figures["positions_from"] == {"model": 9.0}
+    assert not [name for name in context.figures if name.startswith(("centre_residual", "gimbal"))]
+
+
+def test_a_model_without_a_place_on_earth_needs_positions(
+    folder: Path, truth: np.ndarray, tmp_path: Path, context: Context
+) -> None:
+    without_metadata(folder)
+    write_colmap_views([PosedCamera(f"{i}.jpg", LENS, pose) for i, pose in enumerate(truth)], tmp_path / "model")
+    with pytest.raises(InputError, match="there are 0") as error:
+        locate(folder, tmp_path / "model", context)
+    assert "imported model states no place on Earth either" in str(error.value)
 
 
 def test_other_photographs_are_refused_by_name(folder: Path, truth: np.ndarray, tmp_path: Path, context) -> None:

@@ -173,8 +173,9 @@ def test_a_flight_with_opposite_headings_is_turned(run) -> None:
     assert np.median(known.angle_error(survey)) < ANGLE
     assert len(survey.photographs) == known.count
     assert context.figures["flights"] == 2
-    warning = next(text for text in context.warnings if "headings" in text)
+    (warning,) = (text for text in context.warnings if "35 mm" not in text)
     assert "flight 2 (10 photographs)" in warning
+    assert "headings" in warning
     assert abs(abs(context.figures["gimbal_yaw_bias_deg"]["flight 2"]) - 180) < 3
 
 
@@ -184,6 +185,15 @@ def test_metadatas_poses_alone_are_kept_and_the_fault_is_stated(run) -> None:
     survey, context = run(known, refine=False)
     assert "useless" in next(text for text in context.warnings if "headings" in text)
     assert np.median(known.angle_error(survey)) > 90
+
+
+def test_what_cant_be_registered_is_left_out_by_default(run) -> None:
+    known = KnownSurvey()
+    unmatched(known, 7)
+    survey, context = run(known)
+    assert [item.name for item in survey.left_out] == ["07.jpg"]
+    assert "1 of 20 photographs couldn't be registered and are left out: 07.jpg" in "\n".join(context.warnings)
+    assert {photograph.pose for photograph in survey.photographs} == {"adjusted"}
 
 
 def test_false_positions_are_found_and_not_used(run) -> None:
@@ -273,6 +283,69 @@ def test_surveyed_points_free_the_focal_length_and_check_it(run, surveyed) -> No
         assert figures[f"check_residual_{axis}_m"] < 0.06, axis
     assert survey.cameras[0].focal_x == pytest.approx(1.015 * 24 * 1000 / np.hypot(36, 24), rel=2e-3)
     assert HEIGHT * 0.015 > 0.6, "held, the focal length would have moved the ground by this"
+
+
+def straight_down(known: KnownSurvey, headings: np.ndarray) -> None:
+    """Turn all views of a survey straight down."""
+    known.angles[:, 0], known.angles[:, 1] = headings, -90.0
+    known.truth[:, :, :3] = [world_from_camera(*angles) for angles in known.angles]
+    known.stated_angles = known.angles + known.random.normal(0, GIMBAL_NOISE, known.angles.shape) + [YAW_BIAS, 0, 0]
+    known.sightings = [known._sighted(pose) for pose in known.truth]
+
+
+def move_principal_point(known: KnownSurvey, offset: np.ndarray) -> None:
+    for seen in known.sightings:
+        for number in seen:
+            seen[number] = seen[number] + offset
+
+
+def test_strips_to_and_fro_tell_the_principal_point_though_not_the_focal_length(run) -> None:
+    """A principal point 20 px off tilts every view by 2 degrees where it is held."""
+    known, offset = KnownSurvey(), np.array([17.0, -11.0])
+    straight_down(known, known.angles[:, 0].copy())
+    move_principal_point(known, offset)
+    survey, context = run(known)
+    assert context.figures["focal_length_rule"].startswith("held: only 0% of the views are oblique")
+    assert context.figures["principal_point_rule"] == "free: views turned against one another determine it to 0.0 px"
+    camera = survey.cameras[0]
+    assert camera.focal_x == pytest.approx(FOCAL, abs=0.01), "EXIF's"
+    np.testing.assert_allclose([camera.principal_x, camera.principal_y], np.array(SIZE) / 2 + offset, atol=1.0)
+    assert np.median(known.angle_error(survey)) < ANGLE
+    assert known.centre_error(survey).max() < CENTRE
+    assert context.figures["gimbal_error_deg"] == pytest.approx(
+        context.figures["gimbal_error_without_mount_deg"], abs=0.1
+    )
+
+
+def test_one_heading_leaves_the_principal_point_open(run) -> None:
+    known = KnownSurvey()
+    straight_down(known, 90.0 + known.random.normal(0, 1.0, known.count))
+    survey, context = run(known)
+    rule = context.figures["principal_point_rule"]
+    assert rule.startswith("held: the positions of views turned alike leave it open to ")
+    assert survey.cameras[0].principal_x == SIZE[0] / 2
+    assert known.centre_error(survey).max() < CENTRE
+
+
+def unmatched(known: KnownSurvey, index: int) -> None:
+    """Leave a photograph ten points, too few to be registered."""
+    known.sightings[index] = dict(list(known.sightings[index].items())[:10])
+
+
+def test_a_photograph_that_cant_be_registered_is_left_out_or_placed_by_its_metadata(run) -> None:
+    known = KnownSurvey()
+    unmatched(known, 7)
+    survey, context = run(known, unregistered="metadata")
+    (photograph,) = (photograph for photograph in survey.photographs if photograph.pose == "metadata")
+    assert photograph.name == "07.jpg"
+    assert len(survey.photographs) == known.count
+    assert known.angle_error(survey)[7] < 4 * GIMBAL_NOISE, "its flight's bias of 1.6 degrees is gone"
+    assert np.delete(known.angle_error(survey), 7).max() < 3 * ANGLE
+    assert context.figures["registered_photographs"] == known.count - 1
+    (warning,) = (text for text in context.warnings if "35 mm" not in text)
+    assert "1 of 20 photographs couldn't be registered and are placed by their metadata" in warning
+    assert "07.jpg" in warning
+    assert "1 placed by their metadata alone (07.jpg)" in str(appraise(survey).verdict)
 
 
 def test_control_of_other_photographs_is_refused(run, tmp_path: Path) -> None:

@@ -6,20 +6,21 @@ The first finds the config and the stages; the second parses every option of the
 import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields, make_dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
 from slideframe import pipeline
 from slideframe.bench import Bench, ReachedGoal
 from slideframe.commands.demo_survey import demo_config, prepare_demo_survey
+from slideframe.commands.key_flags import has_key_flags, own_arguments, parse_key_flags
 from slideframe.commands.progress import Silent, Watch, print_plan, print_result
 from slideframe.config import STAGE_KINDS, RunConfig, apply_override, read_toml, validate
 from slideframe.crew import Crew, assemble
 from slideframe.device import parse_device
-from slideframe.errors import ConfigurationError, SlideframeError, StoreError
+from slideframe.errors import SlideframeError, StoreError
 from slideframe.formats.video import require_encoder
 from slideframe.problem import Site
 from slideframe.run_folder import LOG, JsonLines, RunFolder
@@ -67,29 +68,11 @@ class RunOptions:
 
 def main(arguments: Sequence[str]) -> int:
     """Parse, prepare and run."""
-    options = tyro.cli(RunOptions, args=_own_arguments(arguments), prog="slideframe run")
+    options = tyro.cli(RunOptions, args=own_arguments(arguments, RunOptions), prog="slideframe run")
     config = read_config(options)
-    if set(arguments) - set(_own_arguments(arguments)):
-        parsed, config = _parse_tuning(config, arguments)
-        if parsed != options:
-            raise ConfigurationError(
-                "the config and the run's own flags must stand before the flags of single keys",
-                where=f"slideframe run {' '.join(arguments)}",
-                cure="write slideframe run CONFIG --solver NAME ... --table.key VALUE ...",
-            )
+    if has_key_flags(arguments, RunOptions):
+        config = _parse_tuning(options, config, arguments)
     return _run(options, config)
-
-
-def _own_arguments(arguments: Sequence[str]) -> list[str]:
-    """Leave out flags of the second pass with their values, and the call for help."""
-    own = {"--" + item.name.replace("_", "-") for item in fields(RunOptions)} | {"--no-film", "--no-dry-run"}
-    kept, keep = [], True
-    for argument in arguments:
-        if argument.startswith("--"):
-            keep = argument.partition("=")[0].replace("_", "-") in own
-        if keep and argument not in ("-h", "--help"):
-            kept.append(argument)
-    return kept
 
 
 def read_config(options: RunOptions) -> RunConfig:
@@ -110,33 +93,13 @@ def absolute_site(site: Site) -> Site:
     return site.model_copy(update={"photographs": site.photographs.absolute(), "masks": masks})
 
 
-def _parse_tuning(config: RunConfig, arguments: Sequence[str]) -> tuple[RunOptions, RunConfig]:
+def _parse_tuning(options: RunOptions, config: RunConfig, arguments: Sequence[str]) -> RunConfig:
     """Parse again, with a flag for every key of the problem and every option of the chosen plugins."""
-    stages = assemble(config)
-    tables = {stage.name: stage for stage in stages.stages()}
-    plugins = make_dataclass("Plugins", [(name, type(stage), stage) for name, stage in tables.items()], frozen=True)
-    keys = [name for name in RunConfig.model_fields if name not in ("stages", "plugins")]
-    problem = [(name, RunConfig.model_fields[name].annotation, getattr(config, name)) for name in keys]
-    everything = make_dataclass(
-        "Everything",
-        [
-            ("options", Annotated[RunOptions, tyro.conf.arg(name="")]),
-            *[
-                (name, Annotated[annotation, tyro.conf.arg(name=name)], default)
-                for name, annotation, default in problem
-            ],
-            ("plugins", plugins, plugins()),
-        ],
-        frozen=True,
-    )
-    everything.__doc__ = RunOptions.__doc__
-    # a nested optional model would else become a subcommand, whose order matters
-    markers = (tyro.conf.AvoidSubcommands,)
-    parsed: Any = tyro.cli(everything, args=list(arguments), prog="slideframe run", config=markers)
-    changed = {name: getattr(parsed, name) for name in keys}
-    tuning = {name: getattr(parsed.plugins, name).model_dump(mode="json") for name in tables}
+    fields = {name: field for name, field in RunConfig.model_fields.items() if name not in ("stages", "plugins")}
+    keys = {name: (field.annotation, getattr(config, name)) for name, field in fields.items()}
+    changed, tuning = parse_key_flags(options, keys, assemble(config).stages(), arguments, "run")
     changed["site"] = absolute_site(changed["site"])
-    return parsed.options, RunConfig(**changed, stages=config.stages, plugins=dict(config.plugins) | tuning)
+    return RunConfig(**changed, stages=config.stages, plugins=dict(config.plugins) | tuning)
 
 
 def _run(options: RunOptions, config: RunConfig) -> int:

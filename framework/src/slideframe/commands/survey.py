@@ -12,6 +12,7 @@ from pydantic import Field
 
 from slideframe import catalogue, registry
 from slideframe.bench import Bench, Keyed
+from slideframe.commands.key_flags import has_key_flags, own_arguments, parse_key_flags
 from slideframe.commands.progress import Watch
 from slideframe.commands.run import absolute_site, logging_to
 from slideframe.config import StageChoice, apply_override, read_toml, validate
@@ -61,7 +62,7 @@ class SurveyOptions:
     geoid_grid: Path | None = None
     """The same from a grid that PROJ reads."""
     set: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-    """Override any key: --set plugins.pose_rtk.refine=false."""
+    """Override any key: --set plugins.pose_rtk.refine=false. Also for plugins that are not chosen."""
 
 
 class SurveyConfig(ProblemModel):
@@ -76,8 +77,11 @@ class SurveyConfig(ProblemModel):
 
 def main(arguments: Sequence[str]) -> int:
     """Parse, locate, report."""
-    options = tyro.cli(SurveyOptions, args=list(arguments), prog="slideframe survey")
+    own = own_arguments(arguments, SurveyOptions)
+    options = tyro.cli(SurveyOptions, args=own or list(arguments), prog="slideframe survey")
     config = read_survey_config(options)
+    if has_key_flags(arguments, SurveyOptions):
+        config = _parse_tuning(options, config, arguments)
     name = options.photographs.resolve().stem
     out = options.out or Path("runs") / f"survey-{name}"
     heights = _heights(options)
@@ -137,6 +141,15 @@ def read_survey_config(options: SurveyOptions) -> SurveyConfig:
         apply_override(content, f'stages.pose_source="{options.pose_source}"')
     config = validate(SurveyConfig, content, str(options.photographs))
     return config.model_copy(update={"site": absolute_site(config.site)})
+
+
+def _parse_tuning(options: SurveyOptions, config: SurveyConfig, arguments: Sequence[str]) -> SurveyConfig:
+    """Parse again, with a flag for every key of the site and every option of the pose source."""
+    keys = {name: (SurveyConfig.model_fields[name].annotation, getattr(config, name)) for name in ("site", "seed")}
+    changed, tuning = parse_key_flags(options, keys, [_pose_source(config)[0]], arguments, "survey")
+    changed["site"] = absolute_site(changed["site"])
+    whole = {name: getattr(config, name) for name in SurveyConfig.model_fields}
+    return validate(SurveyConfig, {**whole, **changed, "plugins": config.plugins | tuning}, "the command line")
 
 
 def _pose_source(config: SurveyConfig) -> tuple[PoseSource, catalogue.Listing]:

@@ -7,7 +7,7 @@ from slideframe.errors import InputError
 from slideframe.formats.colmap import read_colmap_model
 from slideframe.formats.colmap_binary import read_colmap_binary
 from slideframe.formats.metashape import read_metashape
-from slideframe.formats.opensfm import read_opensfm
+from slideframe.formats.opensfm import REFERENCE, TOPOCENTRIC, read_opensfm
 from slideframe.formats.posed_model import PosedModel
 from slideframe.formats.transforms_json import read_transforms_json
 
@@ -16,7 +16,7 @@ FOLDERS = (".", "sparse/0", "sparse", "0", "opensfm", "cameras")
 # The files of each format, the first of which tells it.
 COLMAP_BINARY = ("cameras.bin", "images.bin", "points3D.bin")
 COLMAP_TEXT = ("cameras.txt", "images.txt", "points3D.txt")
-OPENSFM = ("reconstruction.json", "reference_lla.json")
+OPENSFM = ("reconstruction.json", TOPOCENTRIC, REFERENCE)
 NERFSTUDIO = ("transforms.json",)
 METASHAPE = ("cameras.xml",)
 
@@ -52,7 +52,7 @@ def _found(path: Path) -> tuple[list[Path], Callable[[Path], PosedModel]]:
     )
     if path.suffix == ".xml":
         return [path], read_metashape
-    if path.suffix == ".json" and path.name != OPENSFM[0]:
+    if path.suffix == ".json" and path.name not in OPENSFM:
         return [path], _read_nerfstudio
     folders = [path / name for name in FOLDERS] if path.is_dir() else [path.parent]
     for folder in folders:

@@ -3,6 +3,9 @@
 Shots turn world into camera coordinates by an axis times an angle, then a translation; the world is east-north-up
 about the reference. Image coordinates are divided by the longer side and counted from the picture's middle. See
 https://opensfm.org/docs/dataset.html and https://opensfm.org/docs/geometry.html.
+
+ODM moves that file to reconstruction.topocentric.json and puts one in its place whose world is a projected system's
+(stages/run_opensfm.py), turned by the grid's convergence and of another scale: the moved one is read where it lies.
 """
 
 import json
@@ -18,6 +21,7 @@ from slideframe.formats.posed_camera import PosedCamera
 from slideframe.formats.posed_model import PosedModel
 from slideframe.products import Camera, Georeference
 
+TOPOCENTRIC, REFERENCE = "reconstruction.topocentric.json", "reference_lla.json"
 PROJECTIONS = ("perspective", "simple_radial", "radial", "brown")
 
 
@@ -27,6 +31,8 @@ def read_opensfm(path: Path) -> PosedModel:
     Raises:
         InputError: the file is missing or no such file, or a lens has no counterpart.
     """
+    moved = path.with_name(TOPOCENTRIC)
+    path = moved if moved.is_file() else path
     reconstructions = _json(path)
     try:
         largest = max(reconstructions, key=lambda one: len(one["shots"]))
@@ -47,7 +53,7 @@ def read_opensfm(path: Path) -> PosedModel:
         if points
         else np.empty((0, 3), np.uint8),
         errors=np.full(len(points), np.nan),
-        georeference=_reference(path.parent / "reference_lla.json", largest),
+        georeference=_reference(path.with_name(REFERENCE), largest),
         remarks=(f"{others} shots belong to other, smaller reconstructions and are left out",) if others else (),
     )
 

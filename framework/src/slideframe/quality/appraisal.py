@@ -155,6 +155,10 @@ class Appraisal:
         if faulty := self.faulty:
             named = ", ".join(faulty[:3]) + (" ..." if len(faulty) > 3 else "")
             findings.append((len(faulty) > MOST_FAULTY * count, f"{len(faulty)} blurred or covered ({named})"))
+        placed = [item.name for item in survey.photographs if item.pose == "metadata"]
+        if 0 < len(placed) < len(survey.photographs):
+            named = ", ".join(placed[:3]) + (" ..." if len(placed) > 3 else "")
+            findings.append((False, f"{len(placed)} placed by their metadata alone ({named})"))
         error = _mean(survey.sparse_errors)
         if error > GOOD_REPROJECTION:
             findings.append((error > WORST_REPROJECTION, f"reprojection error {error:.1f} px"))

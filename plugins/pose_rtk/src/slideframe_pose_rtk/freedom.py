@@ -19,6 +19,9 @@ OBLIQUE_ANGLE = 15.0  # degrees off nadir
 OBLIQUE_SHARE = 0.25
 HEIGHT_SPREAD = 0.2  # of the flying height
 ENOUGH_CONTROL = 3  # control points
+# A false principal point moves every centre across its view by H / f. Positions tell that from their noise, and from a
+# shift of all the ground, only where views are turned against one another: strips flown to and fro.
+PRINCIPAL_POINT_SIGMA = 0.5  # px; about what a view's own points leave open
 LEAST_FOR_CALIBRATION = 8  # photographs of one camera; fewer leave its distortion to chance
 
 
@@ -30,29 +33,40 @@ class Freedom:
     principal_point: bool
     distortion: bool
     held: frozenset[int] = frozenset()
-    rule: str = ""
+    focal_length_rule: str = ""
+    principal_point_rule: str = ""
 
 
+KEPT = "held: metadata's cameras are kept as they are"
 HELD = Freedom(
-    focal_length=False, principal_point=False, distortion=False, rule="held: metadata's cameras are kept as they are"
+    focal_length=False,
+    principal_point=False,
+    distortion=False,
+    focal_length_rule=KEPT,
+    principal_point_rule=KEPT,
 )
 
 
 def choose_freedom(flight: Flight, focal_length: FocalLength, control_count: int = 0) -> Freedom:
-    """Free focal length and principal point only where the flight determines them, unless the user decides."""
+    """Free focal length and principal point only where the flight determines each, unless the user decides."""
     free, rule = (focal_length == "free", "as asked for")
     if focal_length == "auto":
         free, rule = _focal_length_rule(flight, control_count)
+    centre_free, centre_rule = free, rule
     counts = np.bincount(flight.camera_of, minlength=len(flight.cameras))
-    held = np.flatnonzero(counts < LEAST_FOR_CALIBRATION)
-    if free and len(held) == len(flight.cameras):
-        free, rule = False, f"no camera took {LEAST_FOR_CALIBRATION} photographs"
+    held = frozenset(int(camera) for camera in np.flatnonzero(counts < LEAST_FOR_CALIBRATION))
+    if len(held) == len(flight.cameras):
+        free = centre_free = False
+        rule = centre_rule = f"no camera took {LEAST_FOR_CALIBRATION} photographs"
+    elif focal_length == "auto" and not free:
+        centre_free, centre_rule = _principal_point_rule(flight, held)
     return Freedom(
         focal_length=free,
-        principal_point=free,
+        principal_point=centre_free,
         distortion=True,
-        held=frozenset(int(camera) for camera in held),
-        rule=f"{'free' if free else 'held'}: {rule}",
+        held=held,
+        focal_length_rule=f"{'free' if free else 'held'}: {rule}",
+        principal_point_rule=f"{'free' if centre_free else 'held'}: {centre_rule}",
     )
 
 
@@ -80,6 +94,32 @@ def _focal_length_rule(flight: Flight, control_count: int) -> tuple[bool, str]:
     if control_count >= ENOUGH_CONTROL:
         return True, f"{control_count} control points determine it"
     return False, f"only {oblique:.0%} of the views are oblique and heights differ by {spread:.0%}: any value would fit"
+
+
+def _principal_point_rule(flight: Flight, held: frozenset[int]) -> tuple[bool, str]:
+    """Tell whether the positions determine where the lenses' axes meet the pictures."""
+    sigma = max(_principal_point_sigma(flight, camera) for camera in range(len(flight.cameras)) if camera not in held)
+    if sigma <= PRINCIPAL_POINT_SIGMA:
+        return True, f"views turned against one another determine it to {sigma:.1f} px"
+    return False, "the positions of views turned alike" + (
+        " leave it open" if not np.isfinite(sigma) else f" leave it open to {sigma:.0f} px"
+    )
+
+
+def _principal_point_sigma(flight: Flight, camera: int) -> float:
+    """Return how well the positions determine a camera's principal point, px.
+
+    An offset d moves centre i by d H / f, turned by its heading a_i. The ground follows what is common to all, so
+    that sum |exp(i a) - mean|^2 = n (1 - R^2) remains of n equations, each of deviation sigma f / H.
+    """
+    chosen = np.flatnonzero((np.array(flight.camera_of) == camera) & flight.oriented)
+    if not len(chosen):
+        return np.inf
+    across = flight.rotations[chosen][:, :2, 0]  # the pictures' rows, on the ground
+    remaining = float((across**2).sum() - (across.sum(axis=0) ** 2).sum() / len(chosen))
+    height = float(np.median(flight.positions[chosen, 2])) - ground_height(flight)
+    pixels = flight.position_sigma[chosen, :2].mean() * flight.cameras[camera].focal_x / height
+    return float(pixels / np.sqrt(max(remaining, 1e-12)))
 
 
 def _oblique_share(flight: Flight) -> float:

@@ -1,7 +1,6 @@
 """Cameras that another program has found already, brought into the survey's frame."""
 
 from dataclasses import dataclass
-from pathlib import PurePosixPath
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from slideframe.stages import Context
 from slideframe_pose_rtk.control import Target
 from slideframe_pose_rtk.flight import Flight
 from slideframe_pose_rtk.intake import LEAST_PHOTOGRAPHS
+from slideframe_pose_rtk.model_views import views_by_photograph
 from slideframe_pose_rtk.sessions import sessions_of
 from slideframe_pose_rtk.sighted import compare
 from slideframe_pose_rtk.solution import Solution
@@ -80,7 +80,8 @@ def solve_from_model(flight: Flight, model: PosedModel, targets: tuple[Target, .
         points=points,
         sessions=sessions_of(flight.records),
         focal_length_rule="as imported",
-        refined=True,
+        principal_point_rule="as imported",
+        origin="imported",
     )
 
 
@@ -138,25 +139,21 @@ def _known_errors(model: PosedModel, context: Context) -> Float64Array:
 
 
 def _by_photograph(flight: Flight, views: tuple[PosedCamera, ...], context: Context) -> dict[int, PosedCamera]:
-    """Find each view's photograph by path, else by file name, else by name without extension, where it's the only one.
+    """Find the views' photographs.
 
     Raises:
         InputError: fewer than three are found, or a photograph isn't of its camera's size.
     """
-    names = {flight.name(index): index for index in range(len(flight))}
-    found: dict[int, PosedCamera] = {}
-    for view in views:
-        index = _match(view.name, names)
-        if index is not None:
-            size = flight.records[index].size
-            if size != (view.camera.width, view.camera.height):
-                raise InputError(
-                    f"{flight.name(index)} is {size[0]}x{size[1]} px, but {view.camera.width}x{view.camera.height} in"
-                    " the imported model",
-                    where=str(flight.folder),
-                    cure="give the very photographs that the model was made from",
-                )
-            found[index] = view
+    found = views_by_photograph([flight.name(index) for index in range(len(flight))], views)
+    for index, view in found.items():
+        size = flight.records[index].size
+        if size != (view.camera.width, view.camera.height):
+            raise InputError(
+                f"{flight.name(index)} is {size[0]}x{size[1]} px, but {view.camera.width}x{view.camera.height} in"
+                " the imported model",
+                where=str(flight.folder),
+                cure="give the very photographs that the model was made from",
+            )
     if len(found) < LEAST_PHOTOGRAPHS:
         raise InputError(
             f"only {len(found)} of the imported model's {len(views)} views are usable photographs of this folder",
@@ -166,16 +163,6 @@ def _by_photograph(flight: Flight, views: tuple[PosedCamera, ...], context: Cont
     if len(found) < len(views):
         context.warn(f"{len(views) - len(found)} of the imported model's {len(views)} views have no photograph here")
     return found
-
-
-def _match(name: str, names: dict[str, int]) -> int | None:
-    if name in names:
-        return names[name]
-    path = PurePosixPath(name.replace("\\", "/"))
-    same_file = [index for known, index in names.items() if PurePosixPath(known).name == path.name]
-    same_stem = [index for known, index in names.items() if PurePosixPath(known).stem in (path.stem, path.name)]
-    candidates = same_file or same_stem
-    return candidates[0] if len(candidates) == 1 else None
 
 
 def _check_reference(similarity: Similarity, centres: Float64Array, stated: Float64Array, context: Context) -> None:

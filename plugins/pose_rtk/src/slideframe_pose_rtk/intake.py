@@ -10,6 +10,7 @@ import numpy as np
 from PIL import Image
 
 from slideframe.errors import InputError
+from slideframe.formats.posed_model import PosedModel
 from slideframe.georeferencing import undulation
 from slideframe.stages import Context
 from slideframe_pose_rtk.altitude import AltitudeRules, settle_altitudes
@@ -17,6 +18,7 @@ from slideframe_pose_rtk.calibration import calibrated, read_calibration
 from slideframe_pose_rtk.intrinsics import camera_of
 from slideframe_pose_rtk.jpeg import lacks_its_end
 from slideframe_pose_rtk.metadata import PhotoRecord
+from slideframe_pose_rtk.model_views import filled_from_model
 from slideframe_pose_rtk.naming import names
 from slideframe_pose_rtk.positions import PositionFiles, improve_positions
 from slideframe_pose_rtk.reading import read_record
@@ -71,8 +73,12 @@ class Sources:
         return given + self.positions.paths(photographs)
 
 
-def require_some_located(files: Sequence[Path], folder: Path, sources: Sources) -> None:
+def require_some_located(
+    files: Sequence[Path], folder: Path, sources: Sources, model: PosedModel | None = None
+) -> None:
     """Read what the user gives, then photographs until three with a position are found.
+
+    An imported `model` with a reference of its own knows their positions.
 
     Raises:
         InputError: there are fewer, or something given can't be used.
@@ -91,14 +97,20 @@ def require_some_located(files: Sequence[Path], folder: Path, sources: Sources) 
             undulation(sources.altitudes.geoid, np.array([record.latitude]), np.array([record.longitude]))
         if located == LEAST_PHOTOGRAPHS or (located and sources.positions.table):
             return
-    if sources.positions.table is None:
-        raise _too_few(located, "with a position in their metadata", folder)
+    if sources.positions.table is None and (model is None or model.georeference is None):
+        raise _too_few(located, "with a position in their metadata", folder, imported=model is not None)
 
 
 def admit(
-    files: Sequence[Path], folder: Path, context: Context, sources: Sources | None = None
+    files: Sequence[Path],
+    folder: Path,
+    context: Context,
+    sources: Sources | None = None,
+    model: PosedModel | None = None,
 ) -> tuple[list[PhotoRecord], list[str]]:
     """Return the usable records and their files' SHA-256, warning by name of what is left out or doubtful, and why.
+
+    An imported `model` knows the camera and the place of photographs that don't tell theirs.
 
     Raises:
         InputError: fewer than three photographs are usable, or something that the user gives can't be used.
@@ -107,6 +119,8 @@ def admit(
     records, digests = _readable(files, context)
     if sources.calibration is not None:
         records = calibrated(records, read_calibration(sources.calibration), sources.calibration)
+    if model is not None:
+        records = filled_from_model(records, model, folder)
     records = [record for record in records if _has_camera(record, context)]
     records = improve_positions(records, sources.positions, folder, sources.altitudes.geoid, context)
     records = _kept(
@@ -150,11 +164,15 @@ def require_baseline(positions: np.ndarray, folder: Path) -> None:
         )
 
 
-def _too_few(count: int, what: str, folder: Path) -> InputError:
+def _too_few(count: int, what: str, folder: Path, *, imported: bool = False) -> InputError:
+    cure = "add photographs as the drone wrote them; programs that edit or send pictures often remove the position"
+    if imported:
+        cure += ". The imported model states no place on Earth either: export it with its georeference, or give"
+        cure += " positions"
     return InputError(
         f"at least {LEAST_PHOTOGRAPHS} photographs {what} are needed, and there are {count}",
         where=str(folder),
-        cure="add photographs as the drone wrote them; programs that edit or send pictures often remove the position",
+        cure=cure,
     )
 
 

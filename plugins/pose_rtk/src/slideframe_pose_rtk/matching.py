@@ -81,9 +81,9 @@ def match_descriptors(first: UInt8Array, second: UInt8Array) -> UInt32Array:
     return np.column_stack([chosen, best[chosen]]).astype(np.uint32)
 
 
-def _angle(similarity: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Return the angle between descriptors, rad."""
-    angle: npt.NDArray[np.float32] = np.arccos(np.minimum(similarity / np.float32(UNIT), np.float32(1.0)))
+def _angle(similarity: npt.NDArray[np.float32]) -> Float64Array:
+    """Return the angle between descriptors, rad, in double precision: near 0, float32 has steps of 5e-4 rad."""
+    angle: Float64Array = np.arccos(np.minimum(similarity.astype(np.float64) / UNIT, 1.0))
     return angle
 
 

@@ -13,7 +13,7 @@ from slideframe.products import Camera
 
 AltitudeKind = Literal["ellipsoidal", "orthometric", "relative", "unknown"]
 Fix = Literal["fixed", "float", "single", "none"]
-PositionSource = Literal["xmp", "exif", "mrk", "ppk", "csv"]
+PositionSource = Literal["xmp", "exif", "mrk", "ppk", "csv", "model"]
 Triple = tuple[float, float, float]
 Covariance = tuple[Triple, Triple, Triple]
 Size = tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]]
@@ -71,7 +71,7 @@ class PhotoRecord(_Value):
             relative: above the place of take-off; unknown: the file doesn't tell, or isn't to be believed.
         altitude_words: the file's own words for it, such as GpsFusionAlt.
         height_above_takeoff: m.
-        position_source: where the position was taken from.
+        position_source: where the position was taken from; a model's is an imported model's own, and no measurement.
         fix: quality of the satellite position.
         rtk_flag: DJI's: 50 fixed, 32 to 49 float, 16 single, 0 none.
         rtk_sigma: standard deviation stated by the receiver, m east, north, up.
@@ -131,6 +131,11 @@ class PhotoRecord(_Value):
     def is_located(self) -> bool:
         """Tell whether latitude, longitude and height are known."""
         return self.latitude is not None and self.height is not None
+
+    @property
+    def states_position(self) -> bool:
+        """Tell whether the position was measured, rather than taken over from an imported model."""
+        return self.position_source != "model"
 
     @property
     def position_sigma(self) -> Triple:

@@ -11,7 +11,7 @@ from slideframe.quality.pictures import PictureQuality
 from slideframe.stages import Context
 from slideframe_pose_rtk.features import PictureFile
 from slideframe_pose_rtk.flight import Flight
-from slideframe_pose_rtk.orientation import about_up, angle_between, mean_rotation, yaw_bias
+from slideframe_pose_rtk.placing import gimbal_bias
 from slideframe_pose_rtk.solution import Solution
 
 FOCAL_LENGTH_DOUBT = 0.01  # of the focal length, for the statement of what it does to heights
@@ -35,7 +35,7 @@ def survey_of(
         georeference=flight.georeference,
         cameras=tuple(solution.cameras[camera] for camera in used),
         photographs=tuple(
-            _photograph(flight, index, used.index(solution.camera_of[index]), pictures[index], qualities[index])
+            _photograph(flight, solution, index, used.index(solution.camera_of[index]), pictures, qualities)
             for index in registered
         ),
         world_from_camera=np.array([solution.poses[index] for index in registered]),
@@ -49,14 +49,22 @@ def survey_of(
 
 
 def _photograph(
-    flight: Flight, index: int, camera: int, picture: PictureFile, quality: PictureQuality | None
+    flight: Flight,
+    solution: Solution,
+    index: int,
+    camera: int,
+    pictures: Sequence[PictureFile],
+    qualities: Sequence[PictureQuality | None],
 ) -> Photograph:
+    picture, quality = pictures[index], qualities[index]
+    measured = flight.records[index].states_position
     return Photograph(
         path=picture.path,
         camera=camera,
         sha256=picture.sha256,
-        fix=flight.records[index].fix,
-        stated_position=_triple(flight.positions[index]),
+        fix=flight.records[index].fix if measured else None,
+        stated_position=_triple(flight.positions[index]) if measured else None,
+        pose="metadata" if index in solution.from_metadata else solution.origin,
         sharpness=quality.sharpness if quality else None,
         fault=quality.fault if quality else None,
         mask=picture.mask,
@@ -106,48 +114,45 @@ def report(flight: Flight, solution: Solution, survey: Survey, context: Context)
     registered = sorted(solution.poses)
     context.figure("photographs", len(flight))
     context.figure("flights", len(solution.sessions))
-    context.figure("registered_photographs", len(registered))
+    context.figure("registered_photographs", len(registered) - len(solution.from_metadata))
     context.figure("sparse_points", len(survey.sparse_points))
     if survey.sparse_errors.any():  # an imported model may not keep them
         context.figure("reprojection_error_px", float(np.mean(survey.sparse_errors)))
     context.figure("rtk_fixed_share", float(np.mean([flight.records[index].fix == "fixed" for index in registered])))
-    if solution.refined:
-        _report_centres(flight, registered, survey, context)
+    if solution.origin != "metadata":
+        _report_centres(flight, solution, survey, context)
         _report_gimbal(flight, solution, context)
     _report_scale(solution, survey, context)
 
 
-def _report_centres(flight: Flight, registered: list[int], survey: Survey, context: Context) -> None:
+def _report_centres(flight: Flight, solution: Solution, survey: Survey, context: Context) -> None:
     """State how far the camera centres moved from the metadata's positions, rms."""
-    residual = survey.world_from_camera[:, :, 3] - flight.positions[registered]
+    registered = sorted(solution.poses)
+    measured = [
+        row
+        for row, index in enumerate(registered)
+        if flight.records[index].states_position and index not in solution.from_metadata
+    ]
+    if not measured:
+        return
+    residual = (survey.world_from_camera[:, :, 3] - flight.positions[registered])[measured]
     for axis, value in zip(("east", "north", "up"), np.sqrt(np.mean(residual**2, axis=0)), strict=True):
         context.figure(f"centre_residual_{axis}_m", float(value))
 
 
 def _report_gimbal(flight: Flight, solution: Solution, context: Context) -> None:
-    """State how far the gimbal angles are off: as they are, and after one turn about the vertical for each flight.
-
-    What is then left in common, seen from the camera, is the tilt of the camera in its mount, or of the principal
-    point in the picture, which can't be told apart; without it, the gimbal's own errors remain.
-    """
-    biases, raw, turned, remaining = {}, [], [], []
-    for session in solution.sessions:
-        known = [index for index in session.indices if index in solution.poses and flight.oriented[index]]
-        if not known:
-            continue
-        found = np.array([solution.poses[index][:, :3] for index in known])
-        stated = flight.rotations[known]
-        biases[session.name] = yaw_bias(found, stated)
-        unbiased = about_up(biases[session.name]) @ stated
-        mount = mean_rotation(np.swapaxes(unbiased, 1, 2) @ found)
-        raw.append(angle_between(found, stated))
-        turned.append(angle_between(found, unbiased))
-        remaining.append(angle_between(found, unbiased @ mount))
+    """State how far the gimbal angles are off, by what is taken from them, see `placing.GimbalBias`."""
+    adjusted = {index: pose for index, pose in solution.poses.items() if index not in solution.from_metadata}
+    found = {session.name: gimbal_bias(flight, adjusted, session) for session in solution.sessions}
+    biases = {name: bias for name, bias in found.items() if bias is not None}
     if biases:
-        context.figure("gimbal_yaw_bias_deg", biases)
-        context.figure("gimbal_error_raw_deg", float(np.median(np.concatenate(raw))))
-        context.figure("gimbal_error_deg", float(np.median(np.concatenate(turned))))
-        context.figure("gimbal_error_without_mount_deg", float(np.median(np.concatenate(remaining))))
+        context.figure("gimbal_yaw_bias_deg", {name: bias.yaw for name, bias in biases.items()})
+        for figure, errors in (
+            ("gimbal_error_raw_deg", [bias.raw for bias in biases.values()]),
+            ("gimbal_error_deg", [bias.unbiased for bias in biases.values()]),
+            ("gimbal_error_without_mount_deg", [bias.remaining for bias in biases.values()]),
+        ):
+            context.figure(figure, float(np.median(np.concatenate(errors))))
 
 
 def _report_scale(solution: Solution, survey: Survey, context: Context) -> None:
@@ -155,6 +160,7 @@ def _report_scale(solution: Solution, survey: Survey, context: Context) -> None:
     focal_length = survey.cameras[0].focal_x
     context.figure("focal_length_px", focal_length)
     context.figure("focal_length_rule", solution.focal_length_rule)
+    context.figure("principal_point_rule", solution.principal_point_rule)
     if len(survey.sparse_points):
         distance = float(np.median(_distances(survey)))
         context.figure("ground_sampling_distance_m", distance / focal_length)

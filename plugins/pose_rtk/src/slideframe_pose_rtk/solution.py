@@ -1,13 +1,15 @@
 """Poses, cameras and sparse points: as metadata gives them, or refined."""
 
-from collections.abc import Iterator, Mapping
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slideframe.products import Camera, GroundPoint
+from slideframe.products import Camera, GroundPoint, PoseOrigin
+from slideframe.quality.pictures import PictureQuality
 from slideframe.stages import Context
 from slideframe_pose_rtk.adjustment import (
     ACCEPTED_ANGLES,
@@ -23,6 +25,7 @@ from slideframe_pose_rtk.freedom import HELD, Freedom
 from slideframe_pose_rtk.intake import require_enough
 from slideframe_pose_rtk.lens import camera_from_lens
 from slideframe_pose_rtk.naming import names
+from slideframe_pose_rtk.placing import poses_from_metadata
 from slideframe_pose_rtk.resection import resect
 from slideframe_pose_rtk.sessions import Session
 from slideframe_pose_rtk.sighted import add_control, compare, require_one_datum
@@ -48,9 +51,11 @@ class Solution:
         points: the sparse points.
         sessions: the flights that the survey is made of.
         focal_length_rule: whether the focal length was held or free, and why.
+        principal_point_rule: the same of the principal point.
         ground_points: surveyed points compared with the solution.
         sigma_scale: factor by which the positions' stated sigmas proved too small.
-        refined: whether the poses differ from metadata's at all.
+        origin: where the poses come from.
+        from_metadata: photographs whose pose is metadata's all the same, without their flight's bias.
     """
 
     poses: Poses
@@ -59,9 +64,11 @@ class Solution:
     points: SparsePoints
     sessions: tuple[Session, ...]
     focal_length_rule: str
+    principal_point_rule: str
     ground_points: tuple[GroundPoint, ...] = ()
     sigma_scale: float = 1.0
-    refined: bool = False
+    origin: PoseOrigin = "metadata"
+    from_metadata: frozenset[int] = frozenset()
 
 
 @contextmanager
@@ -90,7 +97,8 @@ def solve_from_metadata(found: Correspondences) -> Solution:
         points=sparse_points(flight, reconstruction, accepted),
         ground_points=compare(found.targets, poses, flight.cameras, camera_of),
         sessions=found.sessions,
-        focal_length_rule=found.freedom.rule,
+        focal_length_rule=found.freedom.focal_length_rule,
+        principal_point_rule=found.freedom.principal_point_rule,
     )
 
 
@@ -136,9 +144,10 @@ def solve_by_refinement(found: Correspondences) -> Solution:
         points=sparse_points(flight, reconstruction, rounds[-1]),
         ground_points=compare(found.targets, poses, cameras, camera_of),
         sessions=found.sessions,
-        focal_length_rule=found.freedom.rule,
+        focal_length_rule=found.freedom.focal_length_rule,
+        principal_point_rule=found.freedom.principal_point_rule,
         sigma_scale=trust.sigma_scale,
-        refined=True,
+        origin="adjusted",
     )
 
 
@@ -170,6 +179,26 @@ def _adjust(
     """Adjust with all positions, wary of false ones, or with those that are trusted."""
     priors = priors_of(reconstruction, found.flight, trust or Trust())
     adjust(reconstruction, priors, freedom, accepted, found.context.seed, fixed, robust=trust is None)
+
+
+def with_unregistered(
+    flight: Flight, solution: Solution, qualities: Sequence[PictureQuality | None], context: Context
+) -> Solution:
+    """Return the solution with the photographs that it lacks where metadata put them, unless they show nothing."""
+    missing = [
+        index
+        for index, quality in enumerate(qualities)
+        if index not in solution.poses and quality is not None and quality.fault is None
+    ]
+    placed, error = poses_from_metadata(flight, solution.poses, solution.sessions, missing)
+    if placed:
+        pixels = max(solution.cameras[solution.camera_of[index]].focal_x for index in placed) * np.radians(error)
+        context.warn(
+            f"{len(placed)} of {len(flight)} photographs couldn't be registered and are placed by their metadata,"
+            f" without their flight's bias; that is off by {error:.1f} degrees on the others (median; {pixels:.0f} px):"
+            f" {names([flight.records[index] for index in sorted(placed)])}"
+        )
+    return dataclasses.replace(solution, poses=solution.poses | placed, from_metadata=frozenset(placed))
 
 
 def warn_of_unregistered(flight: Flight, solution: Solution, context: Context) -> None:

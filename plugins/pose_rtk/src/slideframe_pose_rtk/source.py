@@ -12,6 +12,7 @@ from slideframe.products import Georeference, Survey
 from slideframe.stages import Context, PoseSource
 
 if TYPE_CHECKING:
+    from slideframe.formats.posed_model import PosedModel
     from slideframe.quality.pictures import PictureQuality
     from slideframe_pose_rtk.control import ControlFile, Target
     from slideframe_pose_rtk.features import PictureFile
@@ -40,6 +41,11 @@ class RtkPoses(PoseSource):
     focal_length: Literal["auto", "held", "free"] = Field(
         default="auto",
         description="auto: adjust it, and the principal point, where oblique views or several heights determine them",
+    )
+    unregistered: Literal["left_out", "metadata"] = Field(
+        default="left_out",
+        description="photographs that show too little in common with others: leave them out, or place them by their"
+        " metadata, without their flight's bias",
     )
     feature_limit: int = Field(default=4096, ge=500, le=50_000, description="features sought in a photograph")
     image_size_limit: int = Field(
@@ -102,9 +108,8 @@ class RtkPoses(PoseSource):
 
         assert isinstance(problem, Site)
         photographs = _photographs(problem)
-        require_some_located(photographs, problem.photographs, self._sources())
-        if self.model:
-            read_posed_model(self.model)
+        model = read_posed_model(self.model) if self.model else None
+        require_some_located(photographs, problem.photographs, self._sources(), model)
         if problem.masks:
             find_masks(photographs, mask_files(problem.masks))
         if control := self._control_file(problem):
@@ -112,28 +117,31 @@ class RtkPoses(PoseSource):
 
     def locate(self, site: Site, context: Context) -> Survey:
         """Read the metadata, place the cameras in the local frame, and refine them."""
+        from slideframe.formats.models import read_posed_model
         from slideframe_pose_rtk import solution
         from slideframe_pose_rtk.control import read_targets
         from slideframe_pose_rtk.flight import picture_files, plan_flight, require_orientations
         from slideframe_pose_rtk.intake import LEAST_PHOTOGRAPHS, admit, require_baseline
         from slideframe_pose_rtk.report import report, survey_of
-        from slideframe_pose_rtk.turned import warn_of_turned
 
         folder, files = site.photographs, _photographs(site)
-        records, digests = admit(files, folder, context, self._sources())
+        model = read_posed_model(self.model) if self.model else None
+        records, digests = admit(files, folder, context, self._sources(), model)
         flight = plan_flight(records, folder, self.origin, context)
         require_baseline(flight.positions, folder)
-        require_orientations(flight, LEAST_PHOTOGRAPHS)
+        if model is None:
+            require_orientations(flight, LEAST_PHOTOGRAPHS)
         pictures = picture_files(flight, digests, site.masks)
         control = self._control_file(site)
         targets = read_targets(control, flight) if control else ()
         context.figure("surveyed_points", len(targets))
-        if self.model is None:
+        if model is None:
             solved, qualities = self._solve(flight, pictures, targets, context)
         else:
-            solved, qualities = self._take_over(self.model, flight, targets, context)
+            solved, qualities = self._take_over(model, flight, targets, context)
+        if self.unregistered == "metadata":
+            solved = solution.with_unregistered(flight, solved, qualities, context)
         solution.warn_of_unregistered(flight, solved, context)
-        warn_of_turned(flight, solved.poses, context)
         survey = survey_of(flight, solved, files, pictures, qualities)
         report(flight, solved, survey, context)
         return survey
@@ -149,7 +157,7 @@ class RtkPoses(PoseSource):
             altitudes=AltitudeRules(
                 Heights(geoid_offset=self.geoid_offset, geoid_grid=self.geoid_grid),
                 self.unstated_altitude,
-                mixed_refused=not self.refine,
+                mixed_refused=not self.refine and self.model is None,
             ),
             calibration=self.calibration,
         )
@@ -174,6 +182,7 @@ class RtkPoses(PoseSource):
         from slideframe_pose_rtk.features import FeatureOptions
         from slideframe_pose_rtk.freedom import HELD, choose_freedom
         from slideframe_pose_rtk.solution import quiet_colmap, solve_by_refinement, solve_from_metadata
+        from slideframe_pose_rtk.turned import warn_of_turned
 
         control_count = sum(target.role == "control" for target in targets)
         freedom = choose_freedom(flight, self.focal_length, control_count) if self.refine else HELD
@@ -181,16 +190,18 @@ class RtkPoses(PoseSource):
         with quiet_colmap():
             found = correspond(flight, pictures, freedom, targets, options, self.partners, self.refine, context)
             solved = solve_by_refinement(found) if self.refine else solve_from_metadata(found)
+        warn_of_turned(found.flight, solved.poses, context)
         return solved, [features.quality for features in found.features]
 
     def _take_over(
-        self, model: Path, flight: "Flight", targets: "tuple[Target, ...]", context: Context
+        self, model: "PosedModel", flight: "Flight", targets: "tuple[Target, ...]", context: Context
     ) -> "tuple[Solution, Qualities]":
-        from slideframe.formats.models import read_posed_model
         from slideframe_pose_rtk.features import inspect_pictures
         from slideframe_pose_rtk.imported import solve_from_model
+        from slideframe_pose_rtk.turned import warn_of_turned
 
-        solved = solve_from_model(flight, read_posed_model(model), targets, context)
+        solved = solve_from_model(flight, model, targets, context)
+        warn_of_turned(flight, solved.poses, context)
         return solved, inspect_pictures([record.path for record in flight.records], context)
 
 

@@ -45,6 +45,7 @@ def splat_cloud(centers: np.ndarray, size: float = 0.2) -> SplatCloud:
 
 class StandinPoses(PoseSource):
     name = "standin_poses"
+    height: float = Field(default=30.0, gt=0, description="of the cameras, m")
 
     def input_files(self, site: Site) -> Sequence[Path]:
         return sorted(site.photographs.glob("*.jpg"))
@@ -58,7 +59,7 @@ class StandinPoses(PoseSource):
         files = self.input_files(site)
         poses = np.zeros((len(files), 3, 4))
         poses[:, :, :3] = np.diag([1.0, -1.0, -1.0])
-        poses[:, 2, 3] = 30.0
+        poses[:, 2, 3] = self.height
         context.figure("reprojection_error_px", 0.5)
         return Survey(
             georeference=Georeference(latitude=45.0, longitude=7.0, ellipsoidal_height=300.0),
