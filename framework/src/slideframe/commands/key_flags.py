@@ -32,7 +32,7 @@ def has_key_flags(arguments: Sequence[str], options: type[Any]) -> bool:
 
 
 def parse_key_flags(
-    options: Any, keys: Mapping[str, tuple[Any, Any]], stages: Iterable[Stage], arguments: Sequence[str], command: str
+    options: Any, keys: Mapping[str, tuple[Any, Any]], stages: Iterable[Stage], arguments: Sequence[str], usage: str
 ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     """Parse anew with every key; return the problem's keys and the plugins' tables.
 
@@ -41,11 +41,12 @@ def parse_key_flags(
         keys: annotation and present value of the problem's keys, by name.
         stages: the chosen ones, as configured so far.
         arguments: the whole command line.
-        command: its name, for messages.
+        usage: the command's name and what must follow, for messages: "run CONFIG".
 
     Raises:
         ConfigurationError: a flag of the first pass stands behind those of keys, where it would be taken for a value.
     """
+    command, first = usage.split()
     tables = {stage.name: stage for stage in stages}
     plugins = dataclasses.make_dataclass(
         "Plugins", [(name, type(stage), stage) for name, stage in tables.items()], frozen=True
@@ -68,9 +69,9 @@ def parse_key_flags(
     parsed: Any = tyro.cli(everything, args=list(arguments), prog=f"slideframe {command}", config=markers)
     if parsed.options != options:
         raise ConfigurationError(
-            "the config and the command's own flags must stand before the flags of single keys",
+            f"{first} and the command's own flags must stand before the flags of single keys",
             where=f"slideframe {command} {' '.join(arguments)}",
-            cure=f"write slideframe {command} FIRST --set ... --table.key VALUE ...",
+            cure=f"write slideframe {usage} --set ... --table.key VALUE ...",
         )
     tuning = {name: getattr(parsed.plugins, name).model_dump(mode="json") for name in tables}
     return {name: getattr(parsed, name) for name in keys}, tuning

@@ -97,7 +97,7 @@ def _parse_tuning(options: RunOptions, config: RunConfig, arguments: Sequence[st
     """Parse again, with a flag for every key of the problem and every option of the chosen plugins."""
     fields = {name: field for name, field in RunConfig.model_fields.items() if name not in ("stages", "plugins")}
     keys = {name: (field.annotation, getattr(config, name)) for name, field in fields.items()}
-    changed, tuning = parse_key_flags(options, keys, assemble(config).stages(), arguments, "run")
+    changed, tuning = parse_key_flags(options, keys, assemble(config).stages(), arguments, "run CONFIG")
     changed["site"] = absolute_site(changed["site"])
     return RunConfig(**changed, stages=config.stages, plugins=dict(config.plugins) | tuning)
 

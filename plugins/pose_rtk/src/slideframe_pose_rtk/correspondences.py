@@ -18,6 +18,7 @@ from slideframe_pose_rtk.matching import Matches, match_photographs
 from slideframe_pose_rtk.pairs import choose_pairs
 from slideframe_pose_rtk.sessions import Session, sessions_of
 from slideframe_pose_rtk.sighted import TargetRows, mark_features
+from slideframe_pose_rtk.turned import turn_cameras, turned_pictures
 
 if TYPE_CHECKING:
     import pycolmap
@@ -68,6 +69,17 @@ class Correspondences:
             )
         write_database(self.database, self.flight, self.lenses, self.features, self.matches)
         return self
+
+    def with_turned_pictures(self, poses: Poses, lenses: "list[pycolmap.Camera]") -> "Correspondences":
+        """Return the same with turned cameras for the pictures that were turned, held; append these to `lenses`."""
+        turns = turned_pictures(self.flight, poses, self.sessions)
+        if not turns:
+            return self
+        count = len(lenses)
+        flight = turn_cameras(self.flight, lenses, turns)
+        held = self.freedom.held | set(range(count, len(lenses)))
+        freedom = dataclasses.replace(self.freedom, held=held)
+        return dataclasses.replace(self, flight=flight, lenses=lenses, freedom=freedom).write()
 
     def triangulate(self, lenses: "list[pycolmap.Camera]", poses: Poses, accepted: float) -> "pycolmap.Reconstruction":
         """Return the points that the posed photographs agree on."""

@@ -14,6 +14,7 @@ FULL_FRAME_DIAGONAL = math.hypot(36.0, 24.0)  # mm; CIPA DCG-001 defines equival
 ASPECT_TOLERANCE = 0.01
 # FocalPlaneXResolution is exact where it is right; beside the rounded equivalent focal length, wrong values show.
 PITCH_TOLERANCE = 0.1
+UPENDED_QUARTERS = 1  # the turn that is supposed of a picture stood on end; half of them prove to be turned by 3
 CENTER_TOLERANCE = 0.05  # optical centres of drone cameras lie within 2 % of the width from the middle
 
 
@@ -22,13 +23,17 @@ def camera_of(record: PhotoRecord) -> tuple[Camera, Calibration]:
 
     user: the user's calibration; measured: DewarpData, this very camera's; design: what Pix4D's tags or
     CalibratedFocalLength state of its type; nominal: EXIF's focal length, good to some percent. Measured and
-    design ones are for the full-size picture and scale with it; a cropped picture can't use them.
+    design ones are for the full-size picture and scale with it; a cropped picture can't use them. One that was stood
+    on end uses them turned one way, until the others show that it was the other, see `turned`.
 
     Raises:
         InputError: the metadata holds no focal length at all.
     """
     if record.user_camera:
         return record.user_camera, "user"
+    if is_upended(record):
+        camera, calibration = camera_of(record.model_copy(update={"size": record.size[::-1]}))
+        return turned_camera(camera, UPENDED_QUARTERS), calibration
     scale = _scale(record)
     if scale and record.dewarp:
         return _calibrated(record, record.dewarp, scale), "measured"
@@ -45,6 +50,34 @@ def camera_of(record: PhotoRecord) -> tuple[Camera, Calibration]:
         where=str(record.path),
         cure="use the files as the camera wrote them, or give a calibration",
     )
+
+
+def is_upended(record: PhotoRecord) -> bool:
+    """Tell whether the stored picture has the full picture's sides in the other order: a program stood it on end."""
+    (width, height), (full_width, full_height) = record.size, _full_size(record)
+    if (width > height) == (full_width > full_height) or width == height:
+        return False
+    return abs(width * full_width / (height * full_height) - 1) <= ASPECT_TOLERANCE
+
+
+def turned_camera(camera: Camera, quarters: int) -> Camera:
+    """Return the camera whose right is the given one's down, once for each of `quarters`: its picture turned so.
+
+    A pixel (u, v) from the middle goes to (v, -u), and with it the principal point and the vector (p2, p1), since
+    OpenCV's tangential displacement is that vector times r^2 plus twice its projection on (x, y) times (x, y).
+    """
+    for _ in range(quarters % 4):
+        k1, k2, p1, p2, k3 = camera.distortion
+        camera = Camera(
+            width=camera.height,
+            height=camera.width,
+            focal_x=camera.focal_y,
+            focal_y=camera.focal_x,
+            principal_x=camera.principal_y,
+            principal_y=camera.width - camera.principal_x,
+            distortion=(k1, k2, -p2, p1, k3),
+        )
+    return camera
 
 
 def _scale(record: PhotoRecord) -> float | None:

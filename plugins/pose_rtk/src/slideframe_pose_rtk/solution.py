@@ -113,7 +113,7 @@ def solve_by_refinement(found: Correspondences) -> Solution:
         InputError: fewer than three photographs can be registered.
     """
     flight, context = found.flight, found.context
-    lenses, poses, trust = found.lenses, metadata_poses(flight), Trust()
+    lenses, poses, trust = list(found.lenses), metadata_poses(flight), Trust()
     rounds = accepted_pixels(flight)
     for number, accepted in enumerate(rounds):
         reconstruction = found.triangulate(lenses, poses, accepted)
@@ -132,6 +132,8 @@ def solve_by_refinement(found: Correspondences) -> Solution:
         if 0 < number < len(ACCEPTED_ANGLES):
             missing = [index for index in range(len(flight)) if index not in poses]
             poses |= resect(found.features, found.matches, reconstruction, lenses, flight, missing, context.seed)
+            found = found.with_turned_pictures(poses, lenses)
+            flight = found.flight
         error = float(reconstruction.compute_mean_reprojection_error())
         context.progress(0.7 + 0.3 * (number + 1) / len(rounds), 1.0, reprojection_error_px=error)
     require_enough(len(poses), "that can be registered", flight.folder)
