@@ -9,8 +9,6 @@ from slideframe.tiles import COLOURS, HEADROOM, LARGEST_INDEX, TILE, require_roo
 
 # momentum and mass in reals, and the column of each node and its particles as integers
 REALS_PER_NODE, INTEGERS_PER_NODE = 4, 2
-# Runs of tiles of one colour: several for each core, so that none waits long for the others.
-RUNS_PER_COLOUR = 64
 
 
 class Layout:
@@ -30,11 +28,14 @@ class Layout:
         """Have no nodes yet."""
         import taichi as ti
 
+        from slideframe_mpm_taichi.kernels import MOST_RUNS
+
+        self._most_runs = MOST_RUNS
         self._on_processor = on_processor
         self._node = ti.types.vector(4, ti.f64 if precision == "float64" else ti.f32)
         self._bounds = ti.ndarray(ti.i32, 4)
         self._keys = ti.ndarray(ti.i32, particle_count)
-        self._run_arrays = [ti.ndarray(ti.types.vector(2, ti.i32), RUNS_PER_COLOUR) for _ in range(COLOURS)]
+        self._run_arrays = [ti.ndarray(ti.types.vector(2, ti.i32), self._most_runs) for _ in range(COLOURS)]
         self._arrays: dict[str, Any] = {}
         self.order = ti.ndarray(ti.i32, particle_count)
         self.runs: list[tuple[Any, int]] = []
@@ -104,12 +105,12 @@ class Layout:
         kernels.rank_particles(self._keys, starts, self.order)
         share = (len(by_tile) - 1) // COLOURS
         self.runs = [
-            self._run_array(colour, runs(by_tile[colour * share : (colour + 1) * share + 1], RUNS_PER_COLOUR))
+            self._run_array(colour, runs(by_tile[colour * share : (colour + 1) * share + 1], self._most_runs))
             for colour in range(COLOURS)
         ]
 
     def _run_array(self, colour: int, cut: list[tuple[int, int]]) -> tuple[Any, int]:
-        values: npt.NDArray[np.int32] = np.zeros((RUNS_PER_COLOUR, 2), np.int32)
+        values: npt.NDArray[np.int32] = np.zeros((self._most_runs, 2), np.int32)
         values[: len(cut)] = np.array(cut, np.int32).reshape(-1, 2)
         self._run_arrays[colour].from_numpy(values)
         return self._run_arrays[colour], len(cut)

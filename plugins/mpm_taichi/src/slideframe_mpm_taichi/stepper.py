@@ -42,10 +42,6 @@ class Stepper:
         `coloured`: threads own tiles of nodes, colour by colour, as a processor's few do unless told otherwise; else
         they share nodes, as a card's thousands do.
         """
-        import taichi as ti
-
-        from slideframe_mpm_taichi.kernels import CHUNK
-
         self.coloured = device.kind == "cpu" if coloured is None else coloured
         self.grid, self.precision = grid, problem.simulation.precision
         self.problem, self.filling = problem, filling
@@ -54,8 +50,6 @@ class Stepper:
         self.ground: tuple[Any, ...] = ()
         self.particles = Particles(filling, problem.material.density, grid, self.precision)
         self.layout = Layout(self.precision, self.particles.count, device.kind == "cpu")
-        real = ti.f64 if self.precision == "float64" else ti.f32
-        self.fastest = ti.ndarray(real, -(-self.particles.count // CHUNK))
         # a bound on how far, in cells, a particle has moved since the layout was made; there is none at first
         self.drift = np.inf
 
@@ -125,10 +119,9 @@ class Stepper:
             "positions", "residuals", "velocities", "affines", "elastic_states", "volume_corrections",
             "deformation_gradients", "held", "masses", "volumes",
         )  # fmt: skip
-        kernels.grid_to_particles(
-            layout.nodes, *where, *(particles[name] for name in names), *self._constants, self.fastest
+        speed = float(
+            kernels.grid_to_particles(layout.nodes, *where, *(particles[name] for name in names), *self._constants)
         )
-        speed = float(kernels.greatest(self.fastest))
         self.drift += speed * self.step.time_step / self.grid.spacing
         return speed
 

@@ -22,16 +22,15 @@ from .layout import (
 )
 from .materials import return_mapping
 from .rendering import bound_stretch
-from .transfers import CHUNK, greatest, grid_to_particles, particles_to_grid, particles_to_grid_atomic, retime
+from .transfers import MOST_RUNS, grid_to_particles, particles_to_grid, particles_to_grid_atomic, retime
 
 __all__ = [
-    "CHUNK",
+    "MOST_RUNS",
     "bound_columns",
     "bound_stretch",
     "bound_tiles",
     "clear_grid",
     "count_keys",
-    "greatest",
     "grid_to_particles",
     "key_particles",
     "particles_to_grid",

@@ -8,7 +8,12 @@ from .materials import hencky_strain, kirchhoff_stress, return_mapping
 from .stencils import spline, stencil_around
 from .tensors import pack, sphere, unpack
 
-CHUNK = 256
+# Runs of tiles of one colour: several for each core, so that none waits long for the others.
+MOST_RUNS = 64
+# Taichi's CPU backend cuts a loop into parts of at least so many steps, however few threads that leaves at work.
+LEAST_STEPS = 512
+# Parts of a loop over particles, which a processor's threads take one by one: many, so that none waits long.
+PARTS = 256
 UNBOUNDED = 1e30
 
 
@@ -60,11 +65,14 @@ def particles_to_grid(
     grid: Array,
 ):
     """Scatter runs of particles in tiles of one colour: no two threads share a node, so no sum varies."""
-    ti.loop_config(block_dim=1)
-    for run in range(run_count):
-        for p in range(runs[run][0], runs[run][0] + runs[run][1]):
-            momentum = masses[p] * velocities[p]
-            scatter(positions[p], momentum, affines[p], masses[p], columns, corner, across, grid, True)
+    # a run is one step in LEAST_STEPS, so that each is a part of its own
+    ti.loop_config(parallelize=MOST_RUNS)
+    for step in range(run_count * LEAST_STEPS):
+        if step % LEAST_STEPS == 0:
+            run = runs[step // LEAST_STEPS]
+            for p in range(run[0], run[0] + run[1]):
+                momentum = masses[p] * velocities[p]
+                scatter(positions[p], momentum, affines[p], masses[p], columns, corner, across, grid, True)
 
 
 @ti.kernel
@@ -132,19 +140,16 @@ def grid_to_particles(
     soils: Array,
     limits: Array,
     series_radius: float,
-    fastest: Array,
-):
+) -> float:
     """Gather velocity and its gradient, move the particle, strain it, and prepare its next scatter.
 
-    `fastest` receives the greatest component of velocity in each chunk of particles, UNBOUNDED for NaN.
+    Returns the greatest component of velocity, UNBOUNDED for NaN.
     """
-    ti.loop_config(block_dim=1)
-    for chunk in range(fastest.shape[0]):
-        chunk_fastest = 0.0
-        for particle in range(chunk * CHUNK, ti.min((chunk + 1) * CHUNK, positions.shape[0])):
-            # what has left the domain weighs nothing and stays where it left
-            if masses[particle] == 0.0:
-                continue
+    fastest = 0.0
+    ti.loop_config(parallelize=PARTS)
+    for particle in range(positions.shape[0]):
+        # what has left the domain weighs nothing and stays where it left
+        if masses[particle] != 0.0:
             position = positions[particle]
             velocity, moment = gather(position, columns, corner, across, grid)
 
@@ -182,7 +187,7 @@ def grid_to_particles(
                 speed = ti.abs(velocity[axis])
                 if not (speed <= UNBOUNDED):
                     speed = UNBOUNDED
-                chunk_fastest = ti.max(chunk_fastest, speed)
+                ti.atomic_max(fastest, speed)
             positions[particle] = position
             residuals[particle] = residual
             if leaving:
@@ -191,7 +196,7 @@ def grid_to_particles(
                 volumes[particle] = 0.0
                 velocities[particle] = ti.Vector([0.0, 0.0, 0.0])
                 affines[particle] = sphere(0.0)
-        fastest[chunk] = chunk_fastest
+    return fastest
 
 
 @ti.kernel
@@ -200,12 +205,3 @@ def retime(affines: Array, elastic_states: Array, volumes: Array, change: float,
     for particle in range(affines.shape[0]):
         hencky = hencky_strain(unpack(elastic_states[particle]), series_radius)
         affines[particle] += change * volumes[particle] * kirchhoff_stress(hencky, soils[0])
-
-
-@ti.kernel
-def greatest(values: Array) -> float:
-    """Return the greatest of values that are not negative."""
-    result = 0.0
-    for index in range(values.shape[0]):
-        ti.atomic_max(result, values[index])
-    return result
