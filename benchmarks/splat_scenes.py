@@ -54,10 +54,9 @@ def training_state(splats: Splats, iteration: int = 0) -> State:
         "rotations": rotations,
         "log_scales": scales.log(),
         "logits": opacities.logit(),
-        "base": ((colours - 0.5) / C0)[:, None].contiguous(),
-        "rest": torch.zeros(len(centers), (DEGREE + 1) ** 2 - 1, 3),
+        "harmonics": torch.nn.functional.pad(((colours - 0.5) / C0)[:, None], (0, 0, 0, (DEGREE + 1) ** 2 - 1)),
     }
-    parameters = Parameters({name: tensor.clone().requires_grad_() for name, tensor in raw.items()})
+    parameters = Parameters({name: tensor.clone() for name, tensor in raw.items()})
     return State(parameters, Adam(), torch.zeros(len(centers)), len(centers), Exposures.of(1), iteration)
 
 

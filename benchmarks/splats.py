@@ -182,7 +182,7 @@ def iteration(options: argparse.Namespace) -> None:
     growth = BudgetedSplits(tuning.iterations, options.splats, tuning.splat_budget)
 
     def step() -> None:
-        training.descend(tuning, view, state, growth, 8.0, 0)
+        training.descend(tuning, view, (0.5, 0.5, 0.5), state, growth, 8.0)
 
     for count in (1, 2):
         with thread_number(count), training.one_torch_thread():

@@ -43,7 +43,7 @@ class State:
 def save(state: State, folder: Path) -> None:
     """Write the state beside the last one, then replace it."""
     content = {
-        "raw": {name: tensor.detach() for name, tensor in state.parameters.raw.items()},
+        "raw": state.parameters.raw,
         "mean": state.adam.mean,
         "square": state.adam.square,
         "steps": state.adam.steps,
@@ -62,7 +62,8 @@ def load(folder: Path) -> State | None:
     if not path.exists():
         return None
     content: dict[str, Any] = torch.load(path, weights_only=True)
-    raw = {name: tensor.requires_grad_() for name, tensor in content["raw"].items()}
     adam = Adam(content["mean"], content["square"], content["steps"])
     numbers = {name: content[name] for name in NUMBERS}
-    return State(Parameters(raw), adam, content["score"], exposures=Exposures(**content["exposures"]), **numbers)
+    return State(
+        Parameters(content["raw"]), adam, content["score"], exposures=Exposures(**content["exposures"]), **numbers
+    )

@@ -13,8 +13,6 @@ from slideframe_gs_torch.views import TrainingView
 if TYPE_CHECKING:
     from slideframe_gs_torch.reconstructor import TorchSplats
 
-# Where photographs are compared; with opaque ground it matters little.
-NEUTRAL_BACKGROUND = (0.5, 0.5, 0.5)
 # Measured that often, in shares of the iterations, from the time when photographs are shown in full.
 MEASURE_SHARE, FIRST_SHARE = 0.05, 0.4
 # Settled when nothing is gained over this share, and not while steps are still so long that the likeness wavers.
@@ -24,10 +22,11 @@ SETTLE_SHARE, LEAST_SHARE = 0.1, 0.85
 class HeldOut:
     """The views that training doesn't see."""
 
-    def __init__(self, options: "TorchSplats", views: list[TrainingView]) -> None:
+    def __init__(
+        self, options: "TorchSplats", views: list[TrainingView], background: tuple[float, float, float]
+    ) -> None:
         """Take the views; there may be none."""
-        self._options, self._views = options, views
-        self._background = options.background or NEUTRAL_BACKGROUND
+        self._options, self._views, self._background = options, views, background
 
     def settled(self, state: State) -> bool:
         """Measure where that is due, and tell whether more iterations would gain little."""

@@ -1,6 +1,8 @@
 """The splats that training starts from."""
 
 import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -8,30 +10,41 @@ import torch
 from slideframe.arrays import Float32Array, Float64Array
 from slideframe.products import Survey
 from slideframe.stages import Context
+from slideframe_gs_torch.dense_start import dense_points
 from slideframe_gs_torch.harmonics import C0
 from slideframe_gs_torch.parameters import Parameters
+from slideframe_gs_torch.views import TrainingView
+
+if TYPE_CHECKING:
+    from slideframe_gs_torch.reconstructor import TorchSplats
 
 FEWEST_POINTS = 100
 FALLBACK_POINTS = 5000
-START_OPACITY = 0.1
+# Half opaque and narrow: each point shows its colour, and lets its neighbours show theirs.
+START_OPACITY, START_SIZE = 0.5, 0.6
 NEIGHBOURS = 3
 
 
-def initial_parameters(survey: Survey, budget: int, degree: int, seed: int) -> Parameters:
-    """Return one splat per sparse point, as wide as the mean distance to its three nearest neighbours.
+def initial_parameters(survey: Survey, shown: Sequence[TrainingView], options: "TorchSplats", seed: int) -> Parameters:
+    """Return one splat per point, a little narrower than the mean distance to its three nearest neighbours.
 
-    A survey with fewer than FEWEST_POINTS points starts from grey random ones.
+    The points are the sparse ones and those between them. A survey with fewer than FEWEST_POINTS sparse points starts
+    from grey random ones.
     """
-    random = np.random.default_rng(seed)
+    random, budget = np.random.default_rng(seed), options.splat_budget
     points, colours = survey.sparse_points, survey.sparse_colors.astype(np.float32) / 255
     if len(points) < FEWEST_POINTS:
         points = random_points(survey, min(FALLBACK_POINTS, budget), random)
         colours = np.full_like(points, 0.5)
+    else:
+        points, colours = dense_points(survey, shown, int(options.start_share * budget))
     if len(points) > budget:
         kept = np.sort(random.choice(len(points), budget, replace=False))
         points, colours = points[kept], colours[kept]
-    sizes = neighbour_distances(points)
+    sizes = START_SIZE * neighbour_distances(points)
     count = len(points)
+    harmonics = torch.zeros(count, (options.harmonics_degree + 1) ** 2, 3)
+    harmonics[:, 0] = torch.tensor((colours - 0.5) / C0)
     rotations = torch.zeros(count, 4)
     rotations[:, 0] = 1
     return Parameters(
@@ -40,8 +53,7 @@ def initial_parameters(survey: Survey, budget: int, degree: int, seed: int) -> P
             "rotations": rotations,
             "log_scales": torch.tensor(np.log(sizes))[:, None].repeat(1, 3),
             "logits": torch.full((count,), math.log(START_OPACITY / (1 - START_OPACITY))),
-            "base": torch.tensor((colours - 0.5) / C0)[:, None, :],
-            "rest": torch.zeros(count, (degree + 1) ** 2 - 1, 3),
+            "harmonics": harmonics,
         }
     )
 

@@ -1,38 +1,70 @@
-"""Adam over named tensors whose first axis may grow."""
+"""Adam over the splats that a photograph shows, whose number may grow, with what regularises each by itself."""
 
+import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from slideframe_gs_torch import optimiser_kernels
-from slideframe_gs_torch.parameters import RawTensors
+from slideframe_gs_torch import optimiser_kernels as kernels
+from slideframe_gs_torch.parameters import NAMES, RawTensors
+from slideframe_gs_torch.threads import run_shares
 
-FIRST_DECAY, SECOND_DECAY, EPSILON = 0.9, 0.999, 1e-15
+
+class Pressure(NamedTuple):
+    """What pushes splats beside the photographs: weights of means over all splats, and bounds.
+
+    Attributes:
+        anisotropy_weight: lambda of mean(max(s_max / s_min, r) - r).
+        anisotropy_limit: r.
+        opacity_weight: of the mean opacity.
+        size_weight: of the mean scale, per metre.
+        smallest: scale, m.
+        largest: scale, m.
+    """
+
+    anisotropy_weight: float = 0.0
+    anisotropy_limit: float = 100.0
+    opacity_weight: float = 0.0
+    size_weight: float = 0.0
+    smallest: float = 1e-12
+    largest: float = 1e12
+
+    def numbers(self, count: int) -> np.ndarray[tuple[int], np.dtype[np.float32]]:
+        """Return what the kernel takes for so many splats."""
+        weights = self.anisotropy_weight / count, self.anisotropy_limit, self.opacity_weight / count
+        bounds = math.log(self.smallest), math.log(self.largest)
+        return np.array([*weights, self.size_weight / (3 * count), *bounds], np.float32)
 
 
 @dataclass
 class Adam:
-    """The running moments of every tensor, and the number of steps taken."""
+    """The running moments of every tensor, and how often each splat was moved (splat,)."""
 
     mean: RawTensors = field(default_factory=dict)
     square: RawTensors = field(default_factory=dict)
-    steps: int = 0
+    steps: Tensor = field(default_factory=lambda: torch.zeros(0, dtype=torch.int32))
 
-    def step(self, raw: RawTensors, rates: dict[str, float]) -> None:
-        """Move every tensor along its gradient in place."""
-        self.steps += 1
-        for name, tensor in raw.items():
-            if tensor.grad is None:
-                continue
-            for moments in (self.mean, self.square):
-                moments.setdefault(name, torch.zeros_like(tensor, requires_grad=False))
-            values, gradient, mean, square = (
-                part.detach().reshape(-1).numpy() for part in (tensor, tensor.grad, self.mean[name], self.square[name])
-            )
-            optimiser_kernels.adam(
-                values, gradient, mean, square, rates[name], self.steps, FIRST_DECAY, SECOND_DECAY, EPSILON
-            )
+    def step(
+        self, raw: RawTensors, leaves: RawTensors, pulls: Tensor, rates: dict[str, float], pressure: Pressure
+    ) -> None:
+        """Move the splats that pixels pull at (splat, 2) along the gradients of their `leaves`, in place.
+
+        Leaves are what was drawn, by the same names: scales and opacities rather than what they are made of.
+        """
+        if not self.mean:
+            self.mean = {name: torch.zeros_like(tensor) for name, tensor in raw.items()}
+            self.square = {name: torch.zeros_like(tensor) for name, tensor in raw.items()}
+            self.steps = torch.zeros(len(pulls), dtype=torch.int32)
+        numbers = [tuple(map(_flat, (raw[name], self.mean[name], self.square[name]))) for name in NAMES]
+        gradients = tuple(_flat(leaves[name].grad) for name in NAMES)  # type: ignore[arg-type]  # all were drawn
+        run_shares(
+            kernels.step_splats, -(-len(pulls) // kernels.BLOCK), len(pulls),
+            pulls.numpy(), self.steps.numpy(), _flat(leaves["log_scales"]), _flat(leaves["logits"]),
+            np.array(list(rates.values()), np.float32), pressure.numbers(len(pulls)), *numbers, gradients,
+        )  # fmt: skip
 
     def forget(self, replaced: Tensor, added: int) -> None:
         """Zero the moments of replaced rows and append zero rows for added ones."""
@@ -40,9 +72,17 @@ class Adam:
             for name, tensor in moments.items():
                 tensor[replaced] = 0
                 moments[name] = torch.cat([tensor, tensor.new_zeros(added, *tensor.shape[1:])])
+        if len(self.steps):
+            self.steps[replaced] = 0
+            self.steps = torch.cat([self.steps, self.steps.new_zeros(added)])
 
     def keep(self, kept: Tensor) -> None:
         """Drop the moments of the rows that are not kept (row,)."""
         for moments in (self.mean, self.square):
             for name, tensor in moments.items():
                 moments[name] = tensor[kept]
+        self.steps = self.steps[kept] if len(self.steps) else self.steps
+
+
+def _flat(tensor: Tensor) -> np.ndarray[tuple[int], np.dtype[np.float32]]:
+    return tensor.detach().reshape(-1).numpy()

@@ -1,7 +1,8 @@
-"""Adam (Kingma & Ba 2015), compiled for the CPU.
+"""A step of every splat that a photograph shows, compiled for the CPU: its losses of its own, and Adam.
 
-One thread does it: the ends of a thread's share would be rounded unlike its vectorised middle, so the
-result would depend on the number of threads, and memory is the limit anyway.
+A splat that the photograph doesn't show keeps its numbers and its moments: otherwise those that few photographs see
+would be moved by what they remember, and fade by their regularisation alone (the reasoning of Mallick et al. 2024,
+"Taming 3DGS", sect. 4.3). A task is a block of splats; each splat's step depends on nothing else.
 """
 
 import math
@@ -9,19 +10,91 @@ import math
 import numpy as np
 from numba import njit
 
+BLOCK = 256
+FIRST_DECAY, SECOND_DECAY = 0.9, 0.999
+# The ratio of scales is exact up to here and linear in log-scale beyond: at 1e20 its gradient would be no number.
+LARGEST_EXACT_RATIO = 100.0
 
-@njit(fastmath=True, cache=True, error_model="numpy")
-def adam(values, gradient, mean, square, rate, step, first_decay, second_decay, epsilon):
-    """Move flat `values` one step; `step` counts from 1."""
-    b1, b2 = np.float32(first_decay), np.float32(second_decay)
-    c1, c2 = np.float32(1 - first_decay), np.float32(1 - second_decay)
-    pace = np.float32(rate / (1 - first_decay**step))
-    widen = np.float32(1 / math.sqrt(1 - second_decay**step))
-    tiny = np.float32(epsilon)
-    for i in range(len(values)):
-        g = gradient[i]
-        m = b1 * mean[i] + c1 * g
-        v = b2 * square[i] + c2 * g * g
-        mean[i] = m
-        square[i] = v
-        values[i] -= pace * m / (math.sqrt(v) * widen + tiny)
+# What `pressure` holds: weights per splat, and in metres.
+ANISOTROPY_WEIGHT, ANISOTROPY_LIMIT, OPACITY_WEIGHT, SIZE_WEIGHT, LOWEST, HIGHEST = range(6)
+
+_B1, _B2 = np.float32(FIRST_DECAY), np.float32(SECOND_DECAY)
+_C1, _C2 = np.float32(1 - FIRST_DECAY), np.float32(1 - SECOND_DECAY)
+_TINY = np.float32(1e-15)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def adam(numbers, first, gradient, given, count, pace, widen):
+    """Move `count` numbers from index `first` on along their gradient from `given` on (Kingma & Ba 2015).
+
+    `numbers` are flat arrays of values, means and squares; pace and widen undo the moments' bias.
+    """
+    values, mean, square = numbers
+    for k in range(count):
+        g = gradient[given + k]
+        m = _B1 * mean[first + k] + _C1 * g
+        v = _B2 * square[first + k] + _C2 * g * g
+        mean[first + k] = m
+        square[first + k] = v
+        values[first + k] -= pace * m / (math.sqrt(v) * widen + _TINY)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def add_shape_gradient(gradient, scales, s, pressure):
+    """Add, by the logarithms of the scales, the gradient of weight (max(s_max / s_min, r) - r) and of the size."""
+    first, largest, smallest = 3 * s, 3 * s, 3 * s
+    for i in range(first, first + 3):
+        gradient[i] = gradient[i] * scales[i] + pressure[SIZE_WEIGHT] * scales[i]
+        if scales[i] > scales[largest]:
+            largest = i
+        if scales[i] < scales[smallest]:
+            smallest = i
+    if scales[largest] > pressure[ANISOTROPY_LIMIT] * scales[smallest]:
+        pull = pressure[ANISOTROPY_WEIGHT] * min(scales[largest] / scales[smallest], np.float32(LARGEST_EXACT_RATIO))
+        gradient[largest] += pull
+        gradient[smallest] -= pull
+
+
+@njit(nogil=True, fastmath={"contract", "arcp"}, cache=True, error_model="numpy")
+def step_splats(
+    first_task, last_task, pulls, steps, scales, opacities, rates, pressure,
+    centers, rotations, log_scales, logits, harmonics, gradients,
+):  # fmt: skip
+    """Move the splats of blocks whose pixels pull at them.
+
+    Args:
+        first_task: the first block.
+        last_task: one past the last block.
+        pulls: (splat, 2), sums of |gradients|: 0 where a splat is not seen.
+        steps: (splat,), how often each was moved, counted up here.
+        scales: (3 splats,), exp of the log-scales.
+        opacities: (splat,), of the logits.
+        rates: (6,), of the five, in two for the harmonics: the constant one and the others.
+        pressure: (6,), see ANISOTROPY_WEIGHT.
+        centers: values, means and squares, flat (3 splats,).
+        rotations: likewise (4 splats,).
+        log_scales: likewise (3 splats,).
+        logits: likewise (splat,).
+        harmonics: likewise (3 terms splats,).
+        gradients: by centre, rotation, scale, opacity and the first harmonics, flat; overwritten.
+    """
+    d_centers, d_rotations, d_scales, d_opacities, d_harmonics = gradients
+    count = len(steps)
+    terms, given = len(harmonics[0]) // count, len(d_harmonics) // count
+    for s in range(first_task * BLOCK, min(last_task * BLOCK, count)):
+        if pulls[s, 0] == 0 and pulls[s, 1] == 0:
+            continue
+        steps[s] += 1
+        shrink = np.float32(1 / (1 - FIRST_DECAY ** steps[s]))
+        widen = np.float32(1 / math.sqrt(1 - SECOND_DECAY ** steps[s]))
+        add_shape_gradient(d_scales, scales, s, pressure)
+        opacity = opacities[s]
+        d_opacities[s] = (d_opacities[s] + pressure[OPACITY_WEIGHT]) * opacity * (np.float32(1) - opacity)
+        adam(centers, 3 * s, d_centers, 3 * s, 3, rates[0] * shrink, widen)
+        adam(rotations, 4 * s, d_rotations, 4 * s, 4, rates[1] * shrink, widen)
+        adam(log_scales, 3 * s, d_scales, 3 * s, 3, rates[2] * shrink, widen)
+        adam(logits, s, d_opacities, s, 1, rates[3] * shrink, widen)
+        adam(harmonics, terms * s, d_harmonics, given * s, 3, rates[4] * shrink, widen)
+        adam(harmonics, terms * s + 3, d_harmonics, given * s + 3, given - 3, rates[5] * shrink, widen)
+        for i in range(3 * s, 3 * s + 3):
+            log_scales[0][i] = min(max(log_scales[0][i], pressure[LOWEST]), pressure[HIGHEST])

@@ -12,13 +12,14 @@ from slideframe_gs_torch.anisotropy import project_scales
 FAINTEST_OPACITY = 1 / 255
 
 RawTensors = dict[str, Tensor]
+NAMES = ("centers", "rotations", "log_scales", "logits", "harmonics")
 
 
 @dataclass
 class Parameters:
     """Raw tensors by name, the splat as their first axis.
 
-    The further axes are centers (3), rotations (4), log_scales (3), logits (), base (1, 3) and rest (k, 3).
+    The further axes are centers (3), rotations (4), log_scales (3), logits () and harmonics (term, 3).
     """
 
     raw: RawTensors
@@ -26,15 +27,24 @@ class Parameters:
     def __len__(self) -> int:
         return len(self.raw["centers"])
 
-    def splats(self, degree: int) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-        """Return what `rasterize` draws, with harmonics up to a degree."""
+    def leaves(self, degree: int) -> RawTensors:
+        """Return, by the names of what it is made of, what `rasterize` draws, with harmonics up to a degree.
+
+        That is what takes gradients; from there to the raw tensors `Adam` knows the way.
+        """
         raw = self.raw
-        harmonics = torch.cat([raw["base"], raw["rest"][:, : (degree + 1) ** 2 - 1]], dim=1)
-        return raw["centers"], raw["rotations"], raw["log_scales"].exp(), raw["logits"].sigmoid(), harmonics
+        drawn = {
+            "centers": raw["centers"].detach(),
+            "rotations": raw["rotations"].detach(),
+            "log_scales": raw["log_scales"].exp(),
+            "logits": raw["logits"].sigmoid(),
+            "harmonics": raw["harmonics"][:, : (degree + 1) ** 2].contiguous().detach(),
+        }
+        return {name: tensor.requires_grad_() for name, tensor in drawn.items()}
 
     def export(self, anisotropy_limit: float) -> SplatCloud:
         """Return the visible splats with the anisotropy limit strictly kept."""
-        raw = {name: tensor.detach() for name, tensor in self.raw.items()}
+        raw = self.raw
         opacities = raw["logits"].sigmoid()
         kept = opacities > FAINTEST_OPACITY
         return SplatCloud(
@@ -42,5 +52,5 @@ class Parameters:
             rotations=torch.nn.functional.normalize(raw["rotations"][kept], dim=1).numpy(),
             scales=project_scales(raw["log_scales"][kept].exp().numpy(), anisotropy_limit),
             opacities=opacities[kept].numpy(),
-            harmonics=torch.cat([raw["base"], raw["rest"]], dim=1)[kept].numpy(),
+            harmonics=raw["harmonics"][kept].numpy(),
         )

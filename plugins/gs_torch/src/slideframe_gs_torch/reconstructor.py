@@ -26,6 +26,13 @@ class TorchSplats(Reconstructor):
     splat_budget: int = Field(
         default=150_000, ge=100, le=10_000_000, description="most splats that densification makes"
     )
+    start_share: float = Field(
+        default=0.75,
+        ge=0,
+        le=1,
+        description="share of the budget that training starts with: points between the survey's sparse ones and beyond "
+        "them, so that ground that few photographs show has its splats as well; 0: the sparse points alone",
+    )
     densification: Densification = Field(
         default="budgeted_splits",
         description="where splats are added: 'budgeted_splits' splits those that the picture pulls at most until the "
@@ -37,7 +44,7 @@ class TorchSplats(Reconstructor):
     )
     harmonics_degree: int = Field(default=1, ge=0, le=3, description="degree of the view-dependent colour")
     anisotropy_limit: float = Field(default=3.0, gt=1, le=100, description="r: largest ratio of a splat's scales")
-    anisotropy_weight: float = Field(default=0.2, ge=0, description="lambda of the anisotropy loss")
+    anisotropy_weight: float = Field(default=0.6, ge=0, description="lambda of the anisotropy loss")
     ssim_weight: float = Field(default=0.2, ge=0, le=1, description="share of 1 - SSIM in the image loss, beside L1")
     depth_weight: float = Field(
         default=0.0,
@@ -64,8 +71,13 @@ class TorchSplats(Reconstructor):
     )
     background: tuple[float, float, float] | None = Field(
         default=None,
-        description="sRGB, 0 to 1, seen in training where no splat is; none: another one at each iteration, "
-        "which teaches the ground to be opaque",
+        description="sRGB, 0 to 1, seen in training where no splat is; none: the mean colour of the photographs",
+    )
+    opaque_weight: float = Field(
+        default=0.05,
+        ge=0,
+        description="weight in the loss of the mean share of light that passes all splats: without it the ground stays "
+        "translucent where the background has the right colour",
     )
 
     def reconstruct(self, survey: Survey, context: Context) -> SplatCloud:

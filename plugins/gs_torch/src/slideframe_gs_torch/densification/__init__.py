@@ -6,7 +6,6 @@ import torch
 from torch import Tensor
 
 from slideframe_gs_torch.checkpoint import State
-from slideframe_gs_torch.parameters import RawTensors
 from slideframe_gs_torch.reconstructor import Densification
 
 
@@ -20,8 +19,8 @@ class Densifier(Protocol):
     def start(self, state: State) -> None:
         """Prepare the state before the first iteration."""
 
-    def regularisation(self, raw: RawTensors) -> Tensor:
-        """Return what is added to the loss."""
+    def pressure(self) -> tuple[float, float]:
+        """Return the weights in the loss of the mean opacity and of the mean scale, the latter per metre."""
 
     def observe(self, state: State, screen_gradients: Tensor, width: int) -> None:
         """Take note of the gradients (splat, 2), per px, of the centres in a picture of that width in px."""

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from slideframe_gs_torch.checkpoint import State
 from slideframe_gs_torch.optimiser import Adam
-from slideframe_gs_torch.parameters import Parameters, RawTensors
+from slideframe_gs_torch.parameters import Parameters
 from slideframe_gs_torch.reference import rotation_matrices
 
 # Fainter splats are taken away and put to use elsewhere.
@@ -59,9 +59,9 @@ class BudgetedSplits:
     def start(self, state: State) -> None:
         """Begin with every splat as it is."""
 
-    def regularisation(self, raw: RawTensors) -> Tensor:
+    def pressure(self) -> tuple[float, float]:
         """Let opacity fade that the picture doesn't ask for: floaters vanish and are put to use elsewhere."""
-        return OPACITY_WEIGHT * raw["logits"].sigmoid().mean()
+        return OPACITY_WEIGHT, 0.0
 
     def observe(self, state: State, screen_gradients: Tensor, width: int) -> None:
         """Keep each splat's largest gradient, per px of the whole photograph, so that reduced views weigh the same."""
@@ -78,7 +78,7 @@ class BudgetedSplits:
 
 def densify(parameters: Parameters, adam: Adam, score: Tensor, target: int) -> Parameters:
     """Split the splats with the highest scores (splat,); dead ones make room first, new rows follow."""
-    raw = {name: tensor.detach() for name, tensor in parameters.raw.items()}
+    raw = dict(parameters.raw)
     opacities = raw["logits"].sigmoid()
     dead = torch.nonzero(opacities < DEAD_OPACITY)[:, 0]
     wanted = max(target - len(parameters), 0) + len(dead)
@@ -93,7 +93,7 @@ def densify(parameters: Parameters, adam: Adam, score: Tensor, target: int) -> P
         tensor[into_dead] = second[name][: len(into_dead)]
         raw[name] = torch.cat([tensor, second[name][len(into_dead) :]])
     adam.forget(torch.cat([parents, into_dead]), added)
-    return Parameters({name: tensor.requires_grad_() for name, tensor in raw.items()})
+    return Parameters(raw)
 
 
 def split(raw: dict[str, Tensor], parents: Tensor) -> tuple[dict[str, Tensor], dict[str, Tensor]]:

@@ -39,9 +39,9 @@ class CloneAndSplit:
         """Begin to sum gradients and to count in how many pictures each splat was seen."""
         state.score = torch.zeros(len(state.parameters), 2)
 
-    def regularisation(self, raw: RawTensors) -> Tensor:
+    def pressure(self) -> tuple[float, float]:
         """Add nothing."""
-        return torch.zeros(())
+        return 0.0, 0.0
 
     def observe(self, state: State, screen_gradients: Tensor, width: int) -> None:
         """Add up gradients in normalised device coordinates, and pictures."""
@@ -60,12 +60,11 @@ class CloneAndSplit:
             state.parameters = self._prune(state.parameters, state.adam)
             state.score = torch.zeros(len(state.parameters), 2)
         if state.iteration % self._reset == 0:
-            with torch.no_grad():
-                state.parameters.raw["logits"].clamp_(max=math.log(RESET_OPACITY / (1 - RESET_OPACITY)))
+            state.parameters.raw["logits"].clamp_(max=math.log(RESET_OPACITY / (1 - RESET_OPACITY)))
 
     def _grow(self, parameters: Parameters, adam: Adam, mean: Tensor, random: torch.Generator) -> Parameters:
         """Double the splats of the highest gradients, as far as the budget goes."""
-        raw = {name: tensor.detach() for name, tensor in parameters.raw.items()}
+        raw = dict(parameters.raw)
         wanted = int((mean > GRADIENT_LIMIT).sum())
         room = max(self._budget - len(parameters), 0)
         parents = torch.argsort(mean, descending=True, stable=True)[: min(wanted, room)]
@@ -77,17 +76,17 @@ class CloneAndSplit:
         raw["centers"][divided] = _drawn(raw, divided, random)
         raw["log_scales"][divided] -= math.log(SPLIT_SHRINK)
         adam.forget(divided, len(parents))
-        return Parameters({name: torch.cat([tensor, twins[name]]).requires_grad_() for name, tensor in raw.items()})
+        return Parameters({name: torch.cat([tensor, twins[name]]) for name, tensor in raw.items()})
 
     def _prune(self, parameters: Parameters, adam: Adam) -> Parameters:
         """Take faint and huge splats away, unless that leaves none."""
-        raw = {name: tensor.detach() for name, tensor in parameters.raw.items()}
+        raw = dict(parameters.raw)
         kept = raw["logits"].sigmoid() >= DEAD_OPACITY
         kept &= raw["log_scales"].amax(dim=1).exp() <= LARGE_SHARE * self._extent
         if kept.all() or not kept.any():
             return parameters
         adam.keep(kept)
-        return Parameters({name: tensor[kept].requires_grad_() for name, tensor in raw.items()})
+        return Parameters({name: tensor[kept] for name, tensor in raw.items()})
 
 
 def _drawn(raw: RawTensors, rows: Tensor, random: torch.Generator) -> Tensor:

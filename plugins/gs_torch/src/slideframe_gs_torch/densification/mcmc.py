@@ -38,14 +38,12 @@ class MarkovChain:
     def start(self, state: State) -> None:
         """Begin small and half opaque, so that room is left to move in."""
         raw = state.parameters.raw
-        with torch.no_grad():
-            raw["logits"].fill_(math.log(START_OPACITY / (1 - START_OPACITY)))
-            raw["log_scales"].add_(math.log(START_SHRINK))
+        raw["logits"].fill_(math.log(START_OPACITY / (1 - START_OPACITY)))
+        raw["log_scales"].add_(math.log(START_SHRINK))
 
-    def regularisation(self, raw: RawTensors) -> Tensor:
+    def pressure(self) -> tuple[float, float]:
         """Let opacities and sizes fade that the picture doesn't ask for."""
-        sizes = raw["log_scales"].exp().mean() / self._extent
-        return OPACITY_WEIGHT * raw["logits"].sigmoid().mean() + SCALE_WEIGHT * sizes
+        return OPACITY_WEIGHT, SCALE_WEIGHT / self._extent
 
     def observe(self, state: State, screen_gradients: Tensor, width: int) -> None:
         """Gradients play no part."""
@@ -62,17 +60,16 @@ class MarkovChain:
 
     def _shake(self, raw: RawTensors, center_rate: float, random: torch.Generator) -> None:
         """Move faint splats along their own shape (eq. 9 of the paper)."""
-        with torch.no_grad():
-            opacities = raw["logits"].sigmoid()
-            axes = rotation_matrices(raw["rotations"]) * (raw["log_scales"].exp() / self._extent)[:, None, :]
-            gate = torch.sigmoid(NOISE_STEEPNESS * (NOISE_OPACITY - opacities))
-            noise = torch.randn(len(opacities), 3, generator=random) * (gate * NOISE_RATE * center_rate)[:, None]
-            raw["centers"].add_((axes @ (axes.transpose(1, 2) @ noise[:, :, None]))[:, :, 0])
+        opacities = raw["logits"].sigmoid()
+        axes = rotation_matrices(raw["rotations"]) * (raw["log_scales"].exp() / self._extent)[:, None, :]
+        gate = torch.sigmoid(NOISE_STEEPNESS * (NOISE_OPACITY - opacities))
+        noise = torch.randn(len(opacities), 3, generator=random) * (gate * NOISE_RATE * center_rate)[:, None]
+        raw["centers"].add_((axes @ (axes.transpose(1, 2) @ noise[:, :, None]))[:, :, 0])
 
 
 def relocate_and_add(parameters: Parameters, adam: Adam, target: int, random: torch.Generator) -> Parameters:
     """Put dead splats, and new ones up to `target`, where live ones are, drawn by opacity; the picture stays alike."""
-    raw = {name: tensor.detach() for name, tensor in parameters.raw.items()}
+    raw = dict(parameters.raw)
     opacities = raw["logits"].sigmoid()
     dead = torch.nonzero(opacities <= DEAD_OPACITY)[:, 0]
     added = target - len(parameters)
@@ -89,7 +86,7 @@ def relocate_and_add(parameters: Parameters, adam: Adam, target: int, random: to
         tensor[dead] = tensor[hosts[: len(dead)]]
         raw[name] = torch.cat([tensor, tensor[hosts[len(dead) :]]])
     adam.forget(torch.cat([chosen, dead]), added)
-    return Parameters({name: tensor.requires_grad_() for name, tensor in raw.items()})
+    return Parameters(raw)
 
 
 def shared_opacity(opacities: Tensor, copies: Tensor) -> tuple[Tensor, Tensor]:

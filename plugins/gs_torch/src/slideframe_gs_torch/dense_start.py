@@ -1,0 +1,106 @@
+"""Points between the survey's sparse ones, so that training starts with as much detail everywhere.
+
+Where few photographs overlap the survey has few points, or none; splats would have to grow there from far away. In each
+photograph the sparse points' inverse depths, which are linear over a plane, are interpolated between them, and beyond
+them go on with the slope of the plane that fits best.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import LinearNDInterpolator
+from scipy.spatial import cKDTree
+
+from slideframe.arrays import Float32Array, Float64Array
+from slideframe.products import Survey
+from slideframe_gs_torch.depth_points import depth_points
+from slideframe_gs_torch.views import TrainingView
+
+# Side of the cells, px, each of which gets a point if it has none; the smallest that keeps to the number wanted.
+CELLS_PX = (32, 24, 16, 12, 10, 8, 7, 6, 5, 4, 3, 2)
+FEWEST_IN_VIEW = 8
+# Beyond the sparse points no depth is taken to differ more than by this factor from the nearest one.
+FARTHEST = 1.5
+
+
+def dense_points(survey: Survey, views: Sequence[TrainingView], most: int) -> tuple[Float32Array, Float32Array]:
+    """Return at most `most` points (point, 3), m, the sparse ones first, and their colours (point, 3), 0 to 1."""
+    sparse = survey.sparse_points.astype(np.float64), survey.sparse_colors / 255
+    depths = [ViewDepths.of(survey.sparse_points, view) for view in views]
+    found = sparse
+    for cell in CELLS_PX:
+        filled = sparse
+        for view, known in zip(views, depths, strict=True):
+            if known is not None and len(filled[0]) <= most:
+                added = points_in_empty_cells(filled[0], view, known, cell)
+                filled = np.concatenate([filled[0], added[0]]), np.concatenate([filled[1], added[1]])
+        if len(filled[0]) > most:
+            break
+        found = filled
+    return found[0].astype(np.float32), found[1].astype(np.float32)
+
+
+class ViewDepths:
+    """The inverse depth of a view, from its sparse points."""
+
+    def __init__(self, places: Float64Array, inverse: Float64Array) -> None:
+        """Take the pixels (point, 2) and inverse depths (point,), 1/m, of the points seen."""
+        self._inverse = inverse
+        self._between = LinearNDInterpolator(places, inverse)
+        self._tree = cKDTree(places)
+        self._places = places
+        self._slope = np.linalg.lstsq(np.column_stack([places, np.ones(len(places))]), inverse, rcond=None)[0][:2]
+
+    @classmethod
+    def of(cls, points: Float32Array, view: TrainingView) -> "ViewDepths | None":
+        """Return what the sparse points (point, 3) say, or None where they are too few or on one line."""
+        known = depth_points(points, view.camera, view.world_from_camera)
+        if known is None or len(known.depths) < FEWEST_IN_VIEW:
+            return None
+        places = np.column_stack([known.columns.numpy(), known.rows.numpy()]) + 0.5
+        if np.linalg.matrix_rank(places - places.mean(axis=0)) < 2:
+            return None
+        return cls(places, 1 / known.depths.double().numpy())
+
+    def at(self, places: Float64Array) -> Float64Array:
+        """Return depths (place,), m, at pixels (place, 2)."""
+        inverse = self._between(places)
+        beyond = np.isnan(inverse)
+        _, nearest = self._tree.query(places[beyond])
+        base = self._inverse[nearest]
+        continued = base + (places[beyond] - self._places[nearest]) @ self._slope
+        inverse[beyond] = continued.clip(base / FARTHEST, base * FARTHEST)
+        return np.asarray(1 / inverse)
+
+
+def points_in_empty_cells(
+    points: Float64Array, view: TrainingView, depths: ViewDepths, cell: int
+) -> tuple[Float64Array, Float64Array]:
+    """Return a point (new, 3) and its colour (new, 3) for each cell of `cell` px that shows none of the points."""
+    camera, pose = view.camera, view.world_from_camera
+    rows, columns = camera.height // cell, camera.width // cell
+    empty = ~cells_with_points(points, view, cell)
+    colours = view.pixels[:, : rows * cell, : columns * cell].numpy().reshape(3, rows, cell, columns, cell)
+    if view.mask is not None:
+        seen = view.mask[: rows * cell, : columns * cell].numpy().reshape(rows, cell, columns, cell)
+        empty &= seen.all(axis=(1, 3))
+    row, column = np.nonzero(empty)
+    places = (np.column_stack([column, row]) + 0.5) * cell
+    slopes = (places - [camera.principal_x, camera.principal_y]) / [camera.focal_x, camera.focal_y]
+    local = np.column_stack([slopes, np.ones(len(slopes))]) * depths.at(places)[:, None]
+    return local @ pose[:, :3].T + pose[:, 3], colours.mean(axis=(2, 4))[:, row, column].T / 255
+
+
+def cells_with_points(points: Float64Array, view: TrainingView, cell: int) -> npt.NDArray[np.bool_]:
+    """Tell which cells (row, column) of a view show a point."""
+    camera, pose = view.camera, view.world_from_camera
+    shape = camera.height // cell, camera.width // cell
+    local = (points - pose[:, 3]) @ pose[:, :3]
+    local = local[local[:, 2] > 0]
+    column = np.floor((camera.focal_x * local[:, 0] / local[:, 2] + camera.principal_x) / cell)
+    row = np.floor((camera.focal_y * local[:, 1] / local[:, 2] + camera.principal_y) / cell)
+    inside = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
+    shown = np.zeros(shape, bool)
+    shown[row[inside].astype(int), column[inside].astype(int)] = True
+    return shown
