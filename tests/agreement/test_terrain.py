@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from slideframe.problem import Boundary, Simulation, SimulationProblem, Wall
+from slideframe.problem import Boundary, ColliderMesh, Simulation, SimulationProblem, Wall
 from slideframe.problem.material import Elastic
 from slideframe.testing.solver_scenes import filling_of
+from slideframe.verification.terrain import slab
 
 # The block starts free of stress and settles into the cells that the surface cuts while it slides.
 ACCELERATION_TOLERANCE = 0.03
@@ -78,6 +79,20 @@ def test_block_slides_as_coulomb_says_at_any_angle_of_the_grid(motion, solver, s
     across = np.abs((frames[-1].positions - frames[0].positions) @ axes[1]).mean()
     assert across < 0.02 * 0.5 * expected * 0.6**2
     assert frames[-1].escaped == 0
+
+
+@pytest.mark.parametrize("wall", [coulomb(0.2), Wall(), Wall(kind="stick")], ids=lambda wall: wall.kind)
+def test_a_body_from_a_file_acts_as_the_ground_does(motion, solver, tmp_path, wall):
+    """The same plane, as scanned ground and as the top of a slab in an OBJ file."""
+    axes, filling, problem = incline(30, 27, wall, duration=0.1)
+    path = tmp_path / "slab.obj"
+    path.write_text(slab(filling.terrain_vertices.astype(np.float64), axes[2]))
+    body = ColliderMesh(path=path, kind=wall.kind, friction_angle=wall.friction_angle)
+    boundary = problem.boundary.model_copy(update={"terrain": Wall(kind="open"), "meshes": (body,)})
+    on_ground = motion(solver, filling, problem)[-1]
+    on_body = motion(solver, filling, problem.model_copy(update={"boundary": boundary}))[-1]
+    np.testing.assert_allclose(on_body.positions, on_ground.positions, atol=1e-4)
+    np.testing.assert_allclose(on_body.velocities, on_ground.velocities, atol=1e-3)
 
 
 def test_slip_ground_takes_no_speed_along_it(motion, solver):

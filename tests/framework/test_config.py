@@ -2,7 +2,8 @@ import tomllib
 
 import pytest
 
-from slideframe.config import RunConfig, apply_override, read_toml, validate, write_toml
+from slideframe.bench import _named_files
+from slideframe.config import RunConfig, absolute, apply_override, read_toml, validate, write_toml
 from slideframe.errors import ConfigurationError
 
 MINIMAL = """
@@ -58,6 +59,31 @@ def test_every_fault_is_told_at_once_with_key_and_rule():
     assert "material.density: Input should be greater than 0 (got -3)" in text
     assert "region.x_min: required but absent" in text
     assert "case.toml" in text
+
+
+def test_meshes_are_meant_from_the_file_and_survive_the_resolved_config(tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text(MINIMAL + '[[boundary.meshes]]\npath = "wall.ply"\nkind = "stick"\n')
+    config = validate(RunConfig, read_toml(path), "case")
+    assert config.boundary.meshes[0].path == tmp_path / "wall.ply"
+    write_toml(config, tmp_path / "run.toml")
+    assert validate(RunConfig, read_toml(tmp_path / "run.toml"), "again").boundary == config.boundary
+    assert list(_named_files(config.simulation_problem)) == [tmp_path / "wall.ply"]
+
+
+def test_paths_of_the_command_line_are_meant_from_the_current_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    raw = content()
+    apply_override(raw, "boundary.meshes=[{path = 'wall.ply'}]")
+    assert absolute(validate(RunConfig, raw, "case")).boundary.meshes[0].path == tmp_path / "wall.ply"
+
+
+def test_a_fault_in_a_mesh_names_its_place():
+    raw = content()
+    raw["boundary"] = {"meshes": [{"path": "a.ply", "frction_angle": 3}, {"path": "b.ply", "kind": "open"}]}
+    text = faults(raw)
+    assert "boundary.meshes.0.frction_angle: unknown key, did you mean 'friction_angle'?" in text
+    assert "boundary.meshes.1: a mesh of kind = 'open' would do nothing" in text
 
 
 def test_a_box_has_one_base():

@@ -1,4 +1,5 @@
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -6,9 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from slideframe.errors import ConfigurationError
 from slideframe.problem import (
     Boundary,
     BoxRegion,
+    ColliderMesh,
     Domain,
     DruckerPrager,
     OrbitView,
@@ -17,6 +20,8 @@ from slideframe.problem import (
     SimulationProblem,
     Wall,
 )
+from slideframe.reference.solver import ReferenceSolver
+from slideframe.stages import Solver
 from slideframe.testing.ground_scenes import hillside_survey
 from slideframe.testing.solver_scenes import filling_of
 
@@ -88,6 +93,28 @@ def test_particles_leave_at_open_walls_only():
     assert opened.limits(grid) == ((grid.padding, grid.padding, 1), (*grid.high, ends[2]))
     bottomless = problem().model_copy(update={"boundary": Boundary(floor=Wall(kind="open"))})
     assert bottomless.limits(grid) == closed.limits(grid)
+
+
+class Plain(ReferenceSolver):
+    """A solver that says nothing of what it knows."""
+
+    features = Solver.features
+
+
+def test_what_a_solver_does_not_know_is_refused():
+    everything = SimulationProblem(
+        material=DruckerPrager(**PAPER_SAND),
+        boundary=Boundary(
+            sides=Wall(kind="open"), terrain=Wall(kind="stick"), meshes=(ColliderMesh(path=Path("wall.ply")),)
+        ),
+        simulation=Simulation(duration=1, grid_spacing=1, initial_stress="k0", stop="rest"),
+    )
+    ReferenceSolver().require_features(everything)
+    with pytest.raises(ConfigurationError) as refused:
+        Plain().require_features(everything)
+    for lacking in ("meshes", "terrain", "open_walls", "initial_stress", "rest", "mohr_coulomb"):
+        assert lacking in refused.value.what
+    Plain().require_features(problem())
 
 
 def test_dilatancy_beyond_friction_is_refused():

@@ -106,6 +106,13 @@ def read_toml(path: Path) -> dict[str, Any]:
     return content
 
 
+def absolute(config: Model) -> Model:
+    """Return the config with its relative paths, meant from the current folder, so that it means the same anywhere."""
+    content = config.model_dump(mode="json")
+    _resolve_paths(content, [type(config)], Path.cwd())
+    return type(config).model_validate(content)
+
+
 def _resolve_paths(table: object, models: list[type[BaseModel]], folder: Path) -> None:
     """Make the relative paths in a table of raw content absolute; `models` are what the table may stand for."""
     if not isinstance(table, dict):
@@ -131,7 +138,7 @@ def write_toml(config: RunConfig, path: Path) -> None:
 def _without_none(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _without_none(item) for key, item in value.items() if item is not None}
-    return value
+    return [_without_none(item) for item in value] if isinstance(value, list) else value
 
 
 def apply_override(content: dict[str, Any], assignment: str) -> None:
@@ -205,6 +212,8 @@ def _without_members(model: type[BaseModel], location: list[str]) -> list[str]:
 def _keys_at(model: type[BaseModel], location: list[str]) -> list[str]:
     members = [model]
     for part in location:
+        if part.isdigit():  # a place in a list
+            continue
         if part in model.model_fields:
             members = models_of(model.model_fields[part].annotation)
         else:  # the member of a union

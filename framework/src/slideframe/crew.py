@@ -8,6 +8,7 @@ from typing import Any
 from slideframe import catalogue, registry
 from slideframe.catalogue import Listing
 from slideframe.config import STAGE_KINDS, RunConfig, StageChoice, validate
+from slideframe.contact import require_sound_files
 from slideframe.device import Device
 from slideframe.errors import ConfigurationError
 from slideframe.guards import check_spacing
@@ -39,6 +40,7 @@ class Crew:
             registry.require_backend(stage, self.listings[stage.name])
             stage.preflight(config.problem_of(stage.kind), device_for(stage, device))
         self.solver.require_features(config.simulation_problem)
+        require_sound_files(config.boundary)
         if config.region.plan_size:
             check_spacing(config.region.plan_size, config.simulation)
 

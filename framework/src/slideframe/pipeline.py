@@ -6,9 +6,10 @@ import numpy as np
 
 from slideframe.bench import Bench, Keyed
 from slideframe.config import RunConfig
+from slideframe.contact import require_at_site
 from slideframe.crew import Crew
 from slideframe.errors import ConfigurationError
-from slideframe.problem import OrbitView, Region, View
+from slideframe.problem import Boundary, OrbitView, Region, SimulationProblem, View
 from slideframe.products import Picture, Survey
 from slideframe.release.coverage import require_base_below
 from slideframe.release.plan import plan_of, swapped_plan
@@ -22,10 +23,26 @@ def run(config: RunConfig, crew: Crew, bench: Bench) -> Keyed[Sequence[Picture]]
     survey = bench.step(crew.pose_source.locate, config.site)
     bench.check(require_region_in_survey, survey, config.region)
     bench.check(require_view_of_survey, survey, config.view)
+    bench.check(require_bodies_at_site, survey, config.boundary)
     splats = bench.step(crew.reconstructor.reconstruct, survey)
     filling = bench.step(crew.volume_filler.fill, survey, splats, config.filling_problem)
-    motion = bench.step(crew.solver.solve, filling, config.simulation_problem)
+    motion = bench.step(crew.solver.solve, filling, _placed(config.simulation_problem, survey))
     return bench.step(crew.renderer.render, survey, splats, filling, motion, config.view)  # type: ignore[arg-type]
+
+
+def _placed(problem: SimulationProblem, survey: Keyed[Survey]) -> SimulationProblem:
+    """Return the problem with its frame's origin where it needs that; a survey that isn't there yet has none."""
+    known = problem.needs_georeference and survey.entry.is_whole
+    return problem.placed(survey.value.georeference) if known else problem
+
+
+def require_bodies_at_site(survey: Survey, boundary: Boundary) -> None:
+    """Refuse the boundary's meshes where they are nowhere near what the survey saw.
+
+    Raises:
+        ConfigurationError, InputError, MissingDependency: as `require_at_site`.
+    """
+    require_at_site(boundary, survey.georeference, survey.sparse_points)
 
 
 def require_region_in_survey(survey: Survey, region: Region) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slideframe.contact import TriangleMesh, find_contact, terrain_contact
+from slideframe.contact import Body, TriangleMesh, ground_contact, merge, solid_nodes
 from slideframe.contact.distance import closest_points, near_nodes
 from slideframe.errors import InputError
 from slideframe.problem import Boundary, Grid, Wall
@@ -66,8 +66,8 @@ def test_a_thin_wall_has_two_right_sides():
 
 def test_normals_of_a_vertical_face_are_level():
     x = np.array([[0.3, -1.9, -1.9], [0.3, 1.9, -1.9], [0.3, 1.9, 1.9], [0.3, -1.9, 1.9]])
-    contact = find_contact(GRID, [("wall", TriangleMesh.welded(x, np.array([[0, 1, 2], [0, 2, 3]])), Wall())])
-    nodes, normals = contact.indices()
+    wall = Body("wall", "here", TriangleMesh.welded(x, np.array([[0, 1, 2], [0, 2, 3]])), Wall())
+    nodes, normals = merge([solid_nodes(wall, GRID)], GRID).indices()
     assert len(nodes) > 100
     np.testing.assert_allclose(normals[:, :3], [[1, 0, 0]] * len(nodes), atol=1e-9)
     assert (nodes[:, 0] * 0.25 - 2 <= 0.3).all()
@@ -95,8 +95,9 @@ def test_closest_points_of_every_feature():
 
 def test_of_two_bodies_the_deeper_one_acts():
     low, high = (sheet(lambda x, y, z=z: np.full_like(x, z)) for z in (-0.4, 0.1))
-    bodies = [("low", TriangleMesh.welded(*low), Wall()), ("high", TriangleMesh.welded(*high), Wall(kind="stick"))]
-    nodes, normals = find_contact(GRID, bodies).indices()
+    walls = {"low": (low, Wall()), "high": (high, Wall(kind="stick"))}
+    bodies = [Body(name, "here", TriangleMesh.welded(*mesh), wall) for name, (mesh, wall) in walls.items()]
+    nodes, normals = merge([solid_nodes(body, GRID) for body in bodies], GRID).indices()
     shared = normals[nodes[:, 2] * 0.25 - 2 == -0.5]
     assert len(shared)
     assert (shared[:, 3] == Wall(kind="stick").coefficient).all()
@@ -116,7 +117,7 @@ def test_a_hole_in_the_ground_is_refused_and_located():
     holed = triangles[np.linalg.norm(middle[:, :2] - [2, 3], axis=1) > 0.5]
     filling, problem = problem_on(vertices, holed, block_filling((1, 0, 0.1), (2, 0.5, 0.6)))
     with pytest.raises(InputError, match=r"1 holes wider than a cell, the first around \(2\.\d+, 3\.\d+"):
-        terrain_contact(filling, problem, problem.grid(filling))
+        ground_contact(filling, problem, problem.grid(filling))
 
 
 def test_ground_through_the_mass_is_refused():
@@ -124,16 +125,16 @@ def test_ground_through_the_mass_is_refused():
         *sheet(lambda x, y: 0 * x + 1.0, low=-1, high=5), block_filling((1, 0, 0.1), (2, 0.5, 0.9))
     )
     with pytest.raises(InputError, match="passes through the mass"):
-        terrain_contact(filling, problem, problem.grid(filling))
+        ground_contact(filling, problem, problem.grid(filling))
 
 
 def test_wanted_ground_that_is_missing_is_refused():
     filling, problem = problem_on(np.zeros((0, 3)), np.zeros((0, 3)), block_filling((1, 0, 0.1), (2, 0.5, 0.9)))
     with pytest.raises(InputError, match="no terrain"):
-        terrain_contact(filling, problem, problem.grid(filling))
+        ground_contact(filling, problem, problem.grid(filling))
 
 
 def test_open_ground_costs_nothing():
     filling = block_filling((1, 0, 0.1), (2, 0.5, 0.9))
     problem = sand_problem()
-    assert len(terrain_contact(filling, problem, problem.grid(filling)).indices()[0]) == 0
+    assert len(ground_contact(filling, problem, problem.grid(filling)).indices()[0]) == 0

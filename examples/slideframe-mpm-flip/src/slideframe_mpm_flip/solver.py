@@ -8,7 +8,7 @@ from pydantic import Field
 
 from slideframe.arrays import Float64Array
 from slideframe.guards import check_start
-from slideframe.problem import FEATURES, Grid, SimulationProblem
+from slideframe.problem import Grid, SimulationProblem
 from slideframe.products import Filling, ParticleFrame
 from slideframe.reference.constitutive import kirchhoff_stress, return_mapping
 from slideframe.reference.solver import ReferenceStepper, Stencil, apply_contact, apply_walls, carry, scatter
@@ -20,7 +20,9 @@ class FlipSolver(Solver):
     """Explicit MPM whose particles keep most of their own velocity (PIC/FLIP)."""
 
     name = "mpm_flip"
-    features: ClassVar[frozenset[str]] = FEATURES
+    features: ClassVar[frozenset[str]] = frozenset(
+        {"elastic", "drucker_prager", "mohr_coulomb", "open_walls", "terrain", "meshes", "initial_stress", "rest"}
+    )
 
     flip_share: float = Field(
         default=0.98, ge=0, le=1, description="share of FLIP in the velocity: 0 damps strongly, 1 not at all"

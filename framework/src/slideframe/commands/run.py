@@ -17,12 +17,11 @@ from slideframe.bench import Bench, ReachedGoal
 from slideframe.commands.demo_survey import demo_config, prepare_demo_survey
 from slideframe.commands.key_flags import has_key_flags, own_arguments, parse_key_flags
 from slideframe.commands.progress import Silent, Watch, print_plan, print_result
-from slideframe.config import STAGE_KINDS, RunConfig, apply_override, read_toml, validate
+from slideframe.config import STAGE_KINDS, RunConfig, absolute, apply_override, read_toml, validate
 from slideframe.crew import Crew, assemble
 from slideframe.device import parse_device
 from slideframe.errors import SlideframeError, StoreError
 from slideframe.formats.video import require_encoder
-from slideframe.problem import Site
 from slideframe.run_folder import LOG, JsonLines, RunFolder
 from slideframe.stages import StageKind
 from slideframe.store import Store
@@ -83,14 +82,7 @@ def read_config(options: RunOptions) -> RunConfig:
     for kind in STAGE_KINDS:
         if name := getattr(options, kind):
             apply_override(content, f'stages.{kind}="{name}"')
-    config = validate(RunConfig, content, str(options.config or "the embedded demo"))
-    return config.model_copy(update={"site": absolute_site(config.site)})
-
-
-def absolute_site(site: Site) -> Site:
-    """Return the site with its folders from the root, so that the resolved config means the same anywhere."""
-    masks = site.masks and site.masks.absolute()
-    return site.model_copy(update={"photographs": site.photographs.absolute(), "masks": masks})
+    return absolute(validate(RunConfig, content, str(options.config or "the embedded demo")))
 
 
 def _parse_tuning(options: RunOptions, config: RunConfig, arguments: Sequence[str]) -> RunConfig:
@@ -98,8 +90,7 @@ def _parse_tuning(options: RunOptions, config: RunConfig, arguments: Sequence[st
     fields = {name: field for name, field in RunConfig.model_fields.items() if name not in ("stages", "plugins")}
     keys = {name: (field.annotation, getattr(config, name)) for name, field in fields.items()}
     changed, tuning = parse_key_flags(options, keys, assemble(config).stages(), arguments, "run CONFIG")
-    changed["site"] = absolute_site(changed["site"])
-    return RunConfig(**changed, stages=config.stages, plugins=dict(config.plugins) | tuning)
+    return absolute(RunConfig(**changed, stages=config.stages, plugins=dict(config.plugins) | tuning))
 
 
 def _run(options: RunOptions, config: RunConfig) -> int:

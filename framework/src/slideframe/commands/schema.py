@@ -4,7 +4,7 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_origin
 
 import tyro
 from pydantic import BaseModel
@@ -57,7 +57,8 @@ def _tables(key: str, model: type[BaseModel], without: tuple[str, ...] = (), mem
     inner, rows = {}, []
     for name, field in model.model_fields.items():
         if members := models_of(field.annotation):
-            inner[name] = members
+            # a table may be repeated
+            inner[f"{name}[]" if get_origin(field.annotation) is tuple else name] = members
         elif name not in without:
             default = "required" if field.is_required() else json.dumps(schema[name].get("default"))
             choices = " \\| ".join(map(json.dumps, schema[name].get("enum", [])))
@@ -65,7 +66,8 @@ def _tables(key: str, model: type[BaseModel], without: tuple[str, ...] = (), mem
             rows.append(f"| `{name}` | {default} | {meaning} |")
     if rows:
         kind = f' with kind = "{kind_of(model)}"' if member_of > 1 else ""
-        yield from (f"## {f'[{key}]{kind}' if key else 'Top level'}", "", (model.__doc__ or "").splitlines()[0], "")
+        table = f"[[{key[:-2]}]]" if key.endswith("[]") else f"[{key}]"
+        yield from (f"## {table}{kind}" if key else "## Top level", "", (model.__doc__ or "").splitlines()[0], "")
         yield from ("| key | default | meaning |", "|---|---|---|", *rows, "")
     for name, members in inner.items():
         for member in members:

@@ -14,8 +14,8 @@ from slideframe import catalogue, registry
 from slideframe.bench import Bench, Keyed
 from slideframe.commands.key_flags import has_key_flags, own_arguments, parse_key_flags
 from slideframe.commands.progress import Watch
-from slideframe.commands.run import absolute_site, logging_to
-from slideframe.config import StageChoice, apply_override, read_toml, validate
+from slideframe.commands.run import logging_to
+from slideframe.config import StageChoice, absolute, apply_override, read_toml, validate
 from slideframe.crew import device_for
 from slideframe.device import parse_device
 from slideframe.errors import ConfigurationError, SlideframeError
@@ -139,8 +139,7 @@ def read_survey_config(options: SurveyOptions) -> SurveyConfig:
         apply_override(content, assignment)
     if options.pose_source:
         apply_override(content, f'stages.pose_source="{options.pose_source}"')
-    config = validate(SurveyConfig, content, str(options.photographs))
-    return config.model_copy(update={"site": absolute_site(config.site)})
+    return absolute(validate(SurveyConfig, content, str(options.photographs)))
 
 
 def _parse_tuning(options: SurveyOptions, config: SurveyConfig, arguments: Sequence[str]) -> SurveyConfig:

@@ -47,6 +47,12 @@ class TriangleMesh:
         return normals
 
     @cached_property
+    def areas(self) -> Float64Array:
+        """Areas (t,), m2."""
+        doubled: Float64Array = np.linalg.norm(_cross_of(self.vertices, self.triangles), axis=1)
+        return doubled / 2
+
+    @cached_property
     def vertex_normals(self) -> Float64Array:
         """Sums (v, 3) of face normals by the angle at the vertex (Baerentzen and Aanaes 2005): their sign is right."""
         sums = np.zeros_like(self.vertices)
@@ -89,23 +95,74 @@ class TriangleMesh:
         flags[unique[counts == 1].ravel()] = True
         return flags
 
-    def holes(self) -> list[Float64Array]:
-        """Return the lowest and highest corner (2, 3), m, of every border loop but the widest of each sheet."""
+    @cached_property
+    def shells(self) -> IntArray:
+        """Return for each vertex (v,) a number that it shares with those that triangles connect it with."""
+        return _connected(self._edges[0], len(self.vertices))
+
+    @cached_property
+    def _border_loops(self) -> list[list[Float64Array]]:
+        """Return for each open shell the lowest and highest corner (2, 3), m, of its border's loops, widest first."""
         unique, _, counts = self._edges
         if not (counts == 1).any():
             return []
         loops = _connected(unique[counts == 1], len(self.vertices))
-        sheets = _connected(unique, len(self.vertices))
         boxes: dict[int, list[Float64Array]] = {}
         for loop in np.unique(loops[self.border_vertices]):
             members = self.border_vertices & (loops == loop)
             points = self.vertices[members]
-            boxes.setdefault(int(sheets[np.argmax(members)]), []).append(np.array([points.min(0), points.max(0)]))
-        found = []
-        for sheet in boxes.values():
-            sheet.sort(key=lambda box: float(np.linalg.norm(box[1] - box[0])))
-            found += sheet[:-1]
+            boxes.setdefault(int(self.shells[np.argmax(members)]), []).append(np.array([points.min(0), points.max(0)]))
+        return [sorted(shell, key=lambda box: -float(np.linalg.norm(box[1] - box[0]))) for shell in boxes.values()]
+
+    def gaps(self) -> list[Float64Array]:
+        """Return the lowest and highest corner (2, 3), m, of every loop of the border."""
+        return [box for shell in self._border_loops for box in shell]
+
+    def holes(self) -> list[Float64Array]:
+        """Return the lowest and highest corner (2, 3), m, of every loop of the border but the widest of each shell."""
+        return [box for shell in self._border_loops for box in shell[1:]]
+
+    def crowded_edges(self) -> Float64Array:
+        """Return the middles (e, 3), m, of the edges at which more than two triangles meet."""
+        unique, _, counts = self._edges
+        middles: Float64Array = self.vertices[unique[counts > 2]].mean(axis=1)
+        return middles
+
+    def turned_edges(self) -> Float64Array:
+        """Return the middles (e, 3), m, of the edges whose two triangles have their fronts on different sides."""
+        unique, edges, counts = self._edges
+        ends = np.stack([self.triangles[:, list(edge)] for edge in EDGES], axis=1)
+        runs = np.zeros(len(unique), np.int64)
+        np.add.at(runs, edges, np.where(ends[..., 0] < ends[..., 1], 1, -1))
+        middles: Float64Array = self.vertices[unique[(counts == 2) & (runs != 0)]].mean(axis=1)
+        return middles
+
+    def volumes(self) -> dict[int, tuple[float, Float64Array]]:
+        """Return by shell the volume that it encloses, m3, negative where it faces inwards, and its box (2, 3), m."""
+        middle = self.vertices.mean(axis=0)
+        a, b, c = (self.corners[:, corner] - middle for corner in range(3))
+        parts = np.einsum("ti,ti->t", a, np.cross(b, c)) / 6
+        found = {}
+        shell = self.shells[self.triangles[:, 0]]
+        for number in np.unique(shell):
+            points = self.corners[shell == number].reshape(-1, 3)
+            found[int(number)] = float(parts[shell == number].sum()), np.array([points.min(0), points.max(0)])
         return found
+
+    def turns_around(self, points: Float64Array) -> Float64Array:
+        """Return how often the surface turns around points (p, 3): 1 inside a closed body, 0 outside.
+
+        The sum of the triangles' solid angles (Van Oosterom and Strackee 1983) over 4 pi.
+        """
+        turns = np.zeros(len(points))
+        for index, point in enumerate(points):
+            a, b, c = (self.corners[:, corner] - point for corner in range(3))
+            la, lb, lc = (np.linalg.norm(arm, axis=1) for arm in (a, b, c))
+            triple = np.einsum("ti,ti->t", a, np.cross(b, c))
+            dots = (np.einsum("ti,ti->t", one, other) for one, other in ((a, b), (b, c), (c, a)))
+            ab, bc, ca = dots
+            turns[index] = 2 * np.arctan2(triple, la * lb * lc + ab * lc + bc * la + ca * lb).sum() / (4 * np.pi)
+        return turns
 
 
 def _cross_of(vertices: Float64Array, triangles: IntArray) -> Float64Array:

@@ -1,7 +1,7 @@
 """The problem: what is simulated and seen, handed identically to every backend. SI units, angles in degrees."""
 
 from slideframe.problem.base import ProblemModel, Share, Vector, kind_of, kind_or, models_of
-from slideframe.problem.boundary import Boundary, Domain, Wall
+from slideframe.problem.boundary import Boundary, ColliderMesh, Domain, Wall
 from slideframe.problem.camera_path import Shot
 from slideframe.problem.grid import Grid, place_grid
 from slideframe.problem.material import LAWS, DruckerPrager, Elastic, LawConstants, Material, Sand
@@ -27,6 +27,7 @@ __all__ = [
     "LAWS",
     "Boundary",
     "BoxRegion",
+    "ColliderMesh",
     "DepthBase",
     "Domain",
     "DruckerPrager",

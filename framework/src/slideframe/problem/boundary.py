@@ -1,13 +1,15 @@
 """What the mass meets."""
 
 import math
-from typing import Literal
+from pathlib import Path
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from slideframe.arrays import Float64Array
 from slideframe.problem.base import ProblemModel
+from slideframe.problem.slip_surface import MapHeights
 from slideframe.products import Filling
 
 # What kernels are given in place of Coulomb's coefficient.
@@ -41,9 +43,27 @@ class Wall(ProblemModel):
         """The same, or STICKS or IS_OPEN: all that a kernel must know of a wall."""
         return {"stick": STICKS, "open": IS_OPEN}.get(self.kind, self.friction)
 
-    def settling(self) -> "Wall":
+    def settling(self) -> Self:
         """Return the wall while stress builds up: friction holds."""
-        return Wall(kind="stick") if self.kind == "friction" else self
+        held = {"kind": "stick", "friction_angle": 0.0}
+        return self.model_copy(update=held) if self.kind == "friction" else self
+
+
+class ColliderMesh(MapHeights, Wall):
+    """A body of triangles that the mass meets, from a PLY, OBJ, STL or OFF file: a wall, a barrier, a building."""
+
+    path: Path
+    surface: Literal["closed", "open"] = Field(
+        default="closed",
+        description="closed: a body that the triangles enclose; open: a sheet, such as a ground surface, solid behind "
+        "the side from which its triangles turn counter-clockwise",
+    )
+
+    @model_validator(mode="after")
+    def _acts(self) -> "ColliderMesh":
+        if self.kind == "open":
+            raise ValueError("a mesh of kind = 'open' would do nothing: leave it out, or use slip, stick or friction")
+        return self
 
 
 class Domain(ProblemModel):
@@ -80,14 +100,15 @@ class Domain(ProblemModel):
 
 
 class Boundary(ProblemModel):
-    """The walls of the domain's box, which is open above, and the scanned ground in it."""
+    """The walls of the domain's box, which is open above, the scanned ground in it, and further bodies."""
 
     sides: Wall = Wall()
     floor: Wall = Wall()
     terrain: Wall = Field(default=Wall(kind="open"), description="the ground that stays once the mass is gone")
+    meshes: tuple[ColliderMesh, ...] = Field(default=(), description="further bodies that the mass meets, from files")
     domain: Domain = Domain()
 
     def settling(self) -> "Boundary":
         """Return the boundary while stress builds up: friction holds."""
         walls = {name: getattr(self, name).settling() for name in ("sides", "floor", "terrain")}
-        return self.model_copy(update=walls)
+        return self.model_copy(update=walls | {"meshes": tuple(mesh.settling() for mesh in self.meshes)})

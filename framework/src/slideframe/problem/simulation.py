@@ -9,7 +9,7 @@ from slideframe.problem.base import ProblemModel, Vector
 from slideframe.problem.boundary import Boundary
 from slideframe.problem.grid import Grid, place_grid
 from slideframe.problem.material import Material
-from slideframe.products import Filling
+from slideframe.products import Filling, Georeference
 
 
 class Simulation(ProblemModel):
@@ -71,7 +71,9 @@ class Simulation(ProblemModel):
 
 
 # What a problem may ask of a solver beyond cones of friction between closed walls: see SimulationProblem.features.
-FEATURES = frozenset({"elastic", "drucker_prager", "mohr_coulomb", "open_walls", "terrain", "initial_stress", "rest"})
+FEATURES = frozenset(
+    {"elastic", "drucker_prager", "mohr_coulomb", "open_walls", "terrain", "meshes", "initial_stress", "rest"}
+)
 
 
 class SimulationProblem(ProblemModel):
@@ -80,6 +82,18 @@ class SimulationProblem(ProblemModel):
     material: Material
     boundary: Boundary = Boundary()
     simulation: Simulation
+    georeference: Georeference | None = Field(
+        default=None, description="origin of the local frame, for meshes in a map's coordinates; none: not needed"
+    )
+
+    @property
+    def needs_georeference(self) -> bool:
+        """Whether a mesh has a map's coordinates."""
+        return any(mesh.epsg is not None for mesh in self.boundary.meshes)
+
+    def placed(self, georeference: Georeference) -> "SimulationProblem":
+        """Return the problem with the origin of its frame."""
+        return self.model_copy(update={"georeference": georeference})
 
     def grid(self, filling: Filling) -> Grid:
         """Place the grid around the domain."""
@@ -92,6 +106,7 @@ class SimulationProblem(ProblemModel):
         used = {
             "open_walls": "open" in walls,
             "terrain": self.boundary.terrain.kind != "open",
+            "meshes": bool(self.boundary.meshes),
             "initial_stress": self.simulation.initial_stress != "none",
             "rest": self.simulation.stop == "rest",
         }

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slideframe.arrays import Float64Array
-from slideframe.contact import ContactNodes, terrain_contact
+from slideframe.contact import ContactNodes, ground_contact
 from slideframe.guards import STRETCH_BOUNDS, check_memory, check_start
 from slideframe.problem import FEATURES, Boundary, Grid, SimulationProblem, Wall
 from slideframe.problem.boundary import STICKS
@@ -45,7 +45,7 @@ class ReferenceStepper:
     def __init__(self, filling: Filling, problem: SimulationProblem, grid: Grid) -> None:
         """Lay out the particles at t = 0, without stress."""
         self.filling, self.problem, self.grid = filling, problem, grid
-        self.contact = terrain_contact(filling, problem, grid)
+        self.contact = ground_contact(filling, problem, grid)
         self.state = Particles.at_start(filling, problem.material.density)
         self.step = Step(0.0, (0.0, 0.0, 0.0))
 

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slideframe.arrays import Float64Array
-from slideframe.contact import terrain_contact
+from slideframe.contact import ground_contact
 from slideframe.device import Device
 from slideframe.guards import STRETCH_BOUNDS
 from slideframe.initial_stress import elastic_state
@@ -46,7 +46,7 @@ class Stepper:
         self.grid, self.precision = grid, problem.simulation.precision
         self.problem, self.filling = problem, filling
         self.step = Step(0.0, problem.simulation.gravity)
-        self.contact = terrain_contact(filling, problem, grid)
+        self.contact = ground_contact(filling, problem, grid)
         self.ground: tuple[Any, ...] = ()
         self.particles = Particles(filling, problem.material.density, grid, self.precision)
         self.layout = Layout(self.precision, self.particles.count, device.kind == "cpu")

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slideframe.arrays import Float64Array
-from slideframe.contact import ContactNodes, terrain_contact
+from slideframe.contact import ContactNodes, ground_contact
 from slideframe.guards import STRETCH_BOUNDS
 from slideframe.initial_stress import elastic_state
 from slideframe.problem import LAWS, Grid, SimulationProblem
@@ -47,7 +47,7 @@ class Stepper:
         self.grid, self.device, self.problem = grid, device, problem
         self.kernels: Any = kernels_in(problem.simulation.precision, device, not self.coloured)
         self.step = Step(0.0, problem.simulation.gravity)
-        self.filling, self.contact = filling, terrain_contact(filling, problem, grid)
+        self.filling, self.contact = filling, ground_contact(filling, problem, grid)
         self.ground: tuple[Any, ...] = ()
         self.particles = Particles(filling, problem.material.density, grid, self.kernels, device)
         self.layout = Layout(self.kernels, device, self.particles.count)
