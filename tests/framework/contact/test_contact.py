@@ -84,6 +84,26 @@ def test_two_triangles_too_large_for_one_box_are_searched_piece_by_piece():
     assert inner.sum() > 500
 
 
+def test_the_nearest_of_all_triangles_is_found_whatever_their_sizes():
+    """Against a search through all pairs: slivers, large and tiny triangles beside one another."""
+    rng = np.random.default_rng(5)
+    sizes = np.exp(rng.uniform(np.log(0.01), np.log(3), 120))
+    corners = rng.uniform(-2, 2, (120, 1, 3)) + sizes[:, None, None] * rng.normal(size=(120, 3, 3))
+    corners[::3, 2] = corners[::3, 0] + 0.02 * rng.normal(size=(40, 3))
+    mesh = TriangleMesh.welded(corners.reshape(-1, 3), np.arange(360).reshape(-1, 3))
+    near = near_nodes(mesh, GRID, 3.0)
+    nodes = np.indices(GRID.shape).reshape(3, -1).T
+    points = np.array(GRID.origin) + GRID.spacing * nodes
+    best = np.full(len(points), np.inf)
+    for triangle in mesh.corners:
+        closest, _ = closest_points(points, np.tile(triangle, (len(points), 1, 1)))
+        best = np.minimum(best, np.linalg.norm(points - closest, axis=1))
+    within = best <= 3 * GRID.spacing
+    assert 1000 < within.sum() < len(nodes)
+    np.testing.assert_array_equal(near.nodes, nodes[within])
+    np.testing.assert_allclose(np.abs(near.distances), best[within], atol=1e-12)
+
+
 def test_closest_points_of_every_feature():
     triangle = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     points = np.array([[-1.0, -1, 1], [2, -0.5, 0], [-0.5, 2, 0], [0.5, -1, 0], [1, 1, 2], [-1, 0.5, 0], [0.2, 0.2, 3]])

@@ -122,6 +122,8 @@ def require_at_site(boundary: Boundary, georeference: Georeference, points: Floa
 
 def _require_sound(mesh: TriangleMesh, given: ColliderMesh, where: str) -> None:
     """Refuse a surface of which it can't be said what is inside."""
+    if not len(mesh.triangles):
+        raise _unsound(given, where, "no triangle has an area", "export it again")
     crowded, turned, gaps = mesh.crowded_edges(), mesh.turned_edges(), mesh.gaps()
     if len(crowded):
         fault = f"{len(crowded)} edges have more than two triangles, the first at {_place(crowded[0])}"

@@ -1,7 +1,12 @@
-"""Signed distance from the nodes of a grid to a triangle mesh, near its surface only."""
+"""Signed distance from the nodes of a grid to a triangle mesh, near its surface only.
 
-from collections.abc import Iterator
+Nodes near the surface are found by the cells that hold it. Each one's nearest triangle then comes from trees of the
+triangles' middles: the triangle with the nearest middle bounds the distance, and none whose disk lies beyond that can be
+nearer.
+"""
+
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -9,10 +14,12 @@ from slideframe.arrays import Float64Array
 from slideframe.contact.mesh import BoolArray, IntArray, TriangleMesh
 from slideframe.problem.grid import Grid
 
-# Pairs of a node and a triangle that are looked at together: some hundred bytes each.
-PAIRS_AT_ONCE = 400_000
-# Triangles longer than this many cells are searched piece by piece, since the box around a slanted one is mostly empty.
-LONGEST_PIECE = 4.0
+# Triangles longer than this many cells are searched piece by piece, since the disk around one says little of it.
+LONGEST_PIECE = 1.5
+# Pieces are searched in classes of size, each half as large as the one before; the last holds all smaller ones.
+SIZE_CLASSES = 4
+# Nodes that are looked at together: some hundred pairs of a node and a triangle each.
+NODES_AT_ONCE = 40_000
 
 
 @dataclass(frozen=True)
@@ -33,86 +40,136 @@ class NearNodes:
 
 
 def near_nodes(mesh: TriangleMesh, grid: Grid, reach: float) -> NearNodes:
-    """Return the nodes of `grid` within `reach` cells of the mesh."""
-    spacing, origin, shape = grid.spacing, np.array(grid.origin), np.array(grid.shape)
-    cells = TriangleMesh((mesh.vertices - origin) / spacing, mesh.triangles)
-    best = _nearest_triangles(cells, shape, reach)
-    nodes = np.stack(np.unravel_index(best[0], tuple(shape)), axis=1)
+    """Return the nodes of `grid` within `reach` cells of the mesh, in the order of their indices."""
+    corners = (mesh.corners - np.array(grid.origin)) / grid.spacing
+    disks = Disks.around(corners, mesh.face_normals)
+    nodes = _candidates(disks, np.array(grid.shape), reach)
     points = nodes.astype(np.float64)
-    closest, feature = closest_points(points, cells.corners[best[1]])
-    direction, border = _outward(cells, best[1], feature)
+    triangles, distances = _Search(points, corners, reach).nearest(disks)
+    within = distances <= reach
+    nodes, points, triangles = nodes[within], points[within], triangles[within]
+    closest, feature = closest_points(points, corners[triangles])
+    direction, border = _outward(mesh, triangles, feature)
     away = points - closest
     lengths = np.linalg.norm(away, axis=1)
-    signs = np.where(np.einsum("mi,mi->m", away, direction) < 0, -1.0, 1.0)
+    signs = np.where(_dot(away, direction) < 0, -1.0, 1.0)
     # on the surface itself the way out is the surface's normal
     direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-12)
     gradient = np.divide(signs[:, None] * away, lengths[:, None], out=direction.copy(), where=lengths[:, None] > 1e-6)
-    return NearNodes(nodes, signs * lengths * spacing, gradient, border)
+    return NearNodes(nodes, signs * lengths * grid.spacing, gradient, border)
 
 
-def _nearest_triangles(cells: TriangleMesh, shape: IntArray, reach: float) -> tuple[IntArray, IntArray]:
-    """Return the flat indices of nodes within `reach` of the mesh, and for each its nearest triangle."""
-    found: list[tuple[IntArray, IntArray, Float64Array]] = []
-    pieces, parents = _pieces(cells.corners)
-    offsets = np.einsum("ti,ti->t", cells.corners[:, 0], cells.face_normals)
-    for index, parent in _pairs(pieces, parents, shape, reach):
-        normal = cells.face_normals[parent]
-        plane = sum(axis * component for axis, component in zip(index, normal.T, strict=True)) - offsets[parent]
-        near = np.flatnonzero(np.abs(plane) <= reach)
-        index, parent = tuple(axis[near] for axis in index), parent[near]
-        points = np.stack(index, axis=1).astype(np.float64)
-        closest, _ = closest_points(points, cells.corners[parent])
-        squared = ((points - closest) ** 2).sum(axis=1)
-        within = squared <= reach**2
-        node = np.ravel_multi_index(tuple(axis[within] for axis in index), tuple(shape))
-        found.append(_nearest(node.astype(np.int64), parent[within], squared[within]))
-    if not found:
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    node, parent, _ = _nearest(*(np.concatenate(part) for part in zip(*found, strict=True)))
-    return node, parent
+@dataclass(frozen=True)
+class Disks:
+    """Disks that hold the pieces of triangles.
+
+    Attributes:
+        middles: (d, 3), in cells.
+        radii: (d,), in cells.
+        normals: (d, 3), unit vectors.
+        triangles: (d,), whose piece each one is.
+    """
+
+    middles: Float64Array
+    radii: Float64Array
+    normals: Float64Array
+    triangles: IntArray
+
+    @classmethod
+    def around(cls, corners: Float64Array, normals: Float64Array) -> "Disks":
+        """Halve triangles (t, 3, 3) at their longest edge until none is long, and hold each piece by a disk."""
+        triangles, done = np.arange(len(corners)), []
+        while True:
+            lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+            long = lengths.max(axis=1) > LONGEST_PIECE
+            done.append((corners[~long], triangles[~long]))
+            if not long.any():
+                break
+            corners, triangles, edge = corners[long], triangles[long], lengths[long].argmax(axis=1)
+            row = np.arange(len(corners))
+            a, b, c = (corners[row, (edge + shift) % 3] for shift in range(3))
+            middle = (a + b) / 2
+            corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+            triangles = np.concatenate([triangles, triangles])
+        pieces, whose = (np.concatenate(parts) for parts in zip(*done, strict=True))
+        middles = pieces.mean(axis=1)
+        radii = np.linalg.norm(pieces - middles[:, None], axis=2).max(axis=1)
+        return cls(middles, radii, normals[whose], whose)
+
+    def by_size(self) -> list["Disks"]:
+        """Return the classes of size."""
+        halvings = np.floor(np.log2(self.radii.max(initial=0) / np.maximum(self.radii, np.finfo(np.float64).tiny)))
+        sizes = np.minimum(halvings, SIZE_CLASSES - 1)
+        return [self.only(np.flatnonzero(sizes == size)) for size in np.unique(sizes)]
+
+    def only(self, which: IntArray) -> "Disks":
+        """Return some of them."""
+        return Disks(self.middles[which], self.radii[which], self.normals[which], self.triangles[which])
+
+    def beyond(self, points: Float64Array, which: IntArray) -> Float64Array:
+        """Return the distance in cells of points (p, 3) to one disk each, at most."""
+        arms = points - self.middles[which]
+        above = _dot(arms, self.normals[which]) ** 2
+        beside = np.sqrt(np.maximum(_dot(arms, arms) - above, 0)) - self.radii[which]
+        distance: Float64Array = np.sqrt(above + np.maximum(beside, 0) ** 2)
+        return distance
 
 
-def _nearest(node: IntArray, parent: IntArray, squared: Float64Array) -> tuple[IntArray, IntArray, Float64Array]:
-    """Keep for each node its nearest triangle, of equals the first."""
-    order = np.lexsort((parent, squared, node))
-    node, parent, squared = node[order], parent[order], squared[order]
-    first = np.ones(len(node), bool)
-    first[1:] = node[1:] != node[:-1]
-    return node[first], parent[first], squared[first]
+def _candidates(disks: Disks, shape: IntArray, reach: float) -> IntArray:
+    """Return all nodes (m, 3) that may be within reach, and some more, without doubles."""
+    around = int(reach + disks.radii.max(initial=0) + 0.5)
+    seeds = np.rint(disks.middles).astype(np.int64) + around
+    padded = shape + 2 * around
+    seeds = seeds[((seeds >= 0) & (seeds < padded)).all(axis=1)]
+    # a border of the same width keeps a step along one axis from ending in the next row
+    wide = padded + 2 * around
+    flat = np.unique(np.ravel_multi_index(tuple(seeds.T + around), tuple(wide)))
+    for stride in (wide[1] * wide[2], wide[2], 1):
+        flat = np.unique(flat[:, None] + stride * np.arange(-around, around + 1))
+    nodes = np.stack(np.unravel_index(flat, tuple(wide)), axis=1) - 2 * around
+    return nodes[((nodes >= 0) & (nodes < shape)).all(axis=1)]
 
 
-def _pieces(corners: Float64Array) -> tuple[Float64Array, IntArray]:
-    """Halve triangles (t, 3, 3) at their longest edge until none is long; return pieces and whose they are."""
-    parents, done = np.arange(len(corners)), []
-    while len(corners):
-        lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-        long = lengths.max(axis=1) > LONGEST_PIECE
-        done.append((corners[~long], parents[~long]))
-        corners, parents, edge = corners[long], parents[long], lengths[long].argmax(axis=1)
-        row = np.arange(len(corners))
-        a, b, c = (corners[row, (edge + shift) % 3] for shift in range(3))
-        middle = (a + b) / 2
-        corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
-        parents = np.concatenate([parents, parents])
-    return np.concatenate([part for part, _ in done]), np.concatenate([part for _, part in done])
+class _Search:
+    """The nearest triangle of each point (n, 3) among corners (t, 3, 3), in cells, as far as it's within reach."""
 
+    def __init__(self, points: Float64Array, corners: Float64Array, reach: float) -> None:
+        self.points, self.corners, self.reach = points, corners, reach
+        self.distances, self.triangles = np.full(len(points), np.inf), np.full(len(points), -1)
 
-def _pairs(
-    pieces: Float64Array, parents: IntArray, shape: IntArray, reach: float
-) -> Iterator[tuple[tuple[IntArray, ...], IntArray]]:
-    """Give, a batch at a time, indices i, j, k and parents of all nodes in the boxes around pieces (t, 3, 3)."""
-    low = np.clip(np.ceil(pieces.min(axis=1) - reach), 0, shape).astype(np.int64)
-    high = np.clip(np.floor(pieces.max(axis=1) + reach) + 1, 0, shape).astype(np.int64)
-    sizes = np.maximum(high - low, 0)
-    counts = sizes.prod(axis=1)
-    low, sizes, parents, counts = (part[counts > 0] for part in (low, sizes, parents, counts))
-    batch = np.cumsum(counts) // PAIRS_AT_ONCE
-    for part in np.split(np.arange(len(counts)), np.flatnonzero(np.diff(batch)) + 1):
-        which = np.repeat(part, counts[part])
-        place = np.arange(len(which)) - np.repeat(np.cumsum(counts[part]) - counts[part], counts[part])
-        rest, k = np.divmod(place, sizes[which, 2])
-        i, j = np.divmod(rest, sizes[which, 1])
-        yield tuple(low[which, axis] + step for axis, step in enumerate((i, j, k))), parents[which]
+    def nearest(self, disks: Disks) -> tuple[IntArray, Float64Array]:
+        """Return triangles (n,) and distances (n,) in cells; infinite where none is within reach."""
+        from scipy.spatial import cKDTree
+
+        farthest = self.reach + float(disks.radii.max(initial=0))
+        distance, first = cKDTree(disks.middles).query(self.points, distance_upper_bound=farthest, workers=-1)
+        near = np.flatnonzero(np.isfinite(distance))
+        self._try(near, disks.triangles[first[near]])
+        for size in disks.by_size():
+            tree = cKDTree(size.middles)
+            for part in np.array_split(near, max(1, len(near) // NODES_AT_ONCE)):
+                bounds = np.minimum(self.distances[part], self.reach) + size.radii.max()
+                found = tree.query_ball_point(self.points[part], bounds, workers=-1, return_sorted=False)
+                counts = np.fromiter(map(len, found), np.int64, len(found))
+                disk = np.fromiter(chain.from_iterable(found), np.int64, int(counts.sum()))
+                point = np.repeat(part, counts)
+                # forgives rounding: the nearest one itself must stay
+                hopeful = size.beyond(self.points[point], disk) <= self.distances[point] + 1e-9
+                self._try(point[hopeful], size.triangles[disk[hopeful]])
+        return self.triangles, self.distances
+
+    def _try(self, point: IntArray, triangle: IntArray) -> None:
+        """Take triangles (m,) for points (m,) where they are nearer, of equals the first."""
+        closest, _ = closest_points(self.points[point], self.corners[triangle])
+        distance = np.linalg.norm(self.points[point] - closest, axis=1)
+        order = np.lexsort((triangle, distance, point))
+        point, triangle, distance = point[order], triangle[order], distance[order]
+        first = np.ones(len(point), bool)
+        first[1:] = point[1:] != point[:-1]
+        point, triangle, distance = point[first], triangle[first], distance[first]
+        known = self.distances[point]
+        better = (distance < known) | ((distance == known) & (triangle < self.triangles[point]))
+        self.distances[point[better]], self.triangles[point[better]] = distance[better], triangle[better]
 
 
 def closest_points(points: Float64Array, corners: Float64Array) -> tuple[Float64Array, IntArray]:
