@@ -5,7 +5,7 @@ import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 import tomli_w
 from pydantic import BaseModel, Field, ValidationError
@@ -30,6 +30,7 @@ from slideframe.problem import (
 from slideframe.stages import StageKind
 
 Model = TypeVar("Model", bound=BaseModel)
+Mode = Literal["paper", "engineering"]
 STAGE_KINDS: tuple[StageKind, ...] = get_args(StageKind)
 
 
@@ -50,6 +51,11 @@ class StageChoice(ProblemModel):
 class RunConfig(ProblemModel):
     """Everything that decides a run's result."""
 
+    mode: Mode | None = Field(
+        default=None,
+        description="presets of many keys, below those that are given: 'paper' as in Liang & Cheng 2026, 'engineering' "
+        "as can be defended (docs/modes.md); none: each key's own default",
+    )
     site: Site
     region: Region
     material: Material

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 from slideframe.bench import Bench
 from slideframe.config import RunConfig, write_toml
 from slideframe.errors import StoreError
+from slideframe.modes import chosen
 from slideframe.motion import measure
 from slideframe.showing import COMPARISON, FILM, SHEET, Showing
 from slideframe.stages import StageKind
@@ -114,6 +115,7 @@ class RunFolder:
         result = self._result(config, bench, appraisal)
         # so that the folder's products can be found and shown again, whatever is in run.toml by then
         result["outputs"] = {"store": str(bench.store.folder.resolve()), "config": config.model_dump(mode="json")}
+        result["outputs"]["mode"] = mode_of(config)
         result["outputs"]["left_out"] = left_out
         result["outputs"]["thinned_in_recording"] = self._recording(config, bench, result, maps, progress)
         write_result(self.folder / RESULT, result)
@@ -193,9 +195,26 @@ class RunFolder:
         return result
 
 
+def mode_of(config: RunConfig) -> dict[str, Any] | None:
+    """Return the config's mode and the options that it presets, each with the run's value and the mode's."""
+    if config.mode is None:
+        return None
+    return {"name": config.mode, "presets": {option.key: [option.value, option.preset] for option in chosen(config)}}
+
+
+def _mode_lines(mode: Mapping[str, Any]) -> list[str]:
+    lines = [f"\n## mode: {mode['name']}", "", "| option | value | from |", "|---|---|---|"]
+    for key, (value, preset) in mode["presets"].items():
+        source = "the mode" if value == preset else f"the config; the mode has {preset}"
+        lines.append(f"| {key} | {value} | {source} |")
+    return lines
+
+
 def result_table(result: Mapping[str, Any], thinned: list[str]) -> str:
-    """Return the figures of `result.json` as markdown tables, one for each stage."""
+    """Return the figures of `result.json` as markdown tables: what the mode presets, then one for each stage."""
     lines = ["# Result"]
+    if mode := result.get("outputs", {}).get("mode"):
+        lines += _mode_lines(mode)
     for kind, figures in result.items():
         if kind in ("keys", "outputs"):
             continue

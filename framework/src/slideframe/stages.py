@@ -3,10 +3,10 @@
 import logging
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict
 
@@ -93,6 +93,7 @@ class Stage(BaseModel, ABC):
         name: the entry point's name, unique among installed distributions.
         backend: import names that must be there for the stage to compute.
         devices: kinds of device that the stage can use.
+        presets: what the modes of a run set of its options, by mode, where the config doesn't.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -101,6 +102,7 @@ class Stage(BaseModel, ABC):
     name: ClassVar[str]
     backend: ClassVar[tuple[str, ...]] = ()
     devices: ClassVar[frozenset[str]] = frozenset({"cpu"})
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
 
     def preflight(self, problem: ProblemModel, device: Device) -> None:
         """Raise a SlideframeError now for anything that would stop the stage later.

@@ -17,11 +17,12 @@ from slideframe.bench import Bench, ReachedGoal
 from slideframe.commands.demo_survey import demo_config, prepare_demo_survey
 from slideframe.commands.key_flags import has_key_flags, own_arguments, parse_key_flags
 from slideframe.commands.progress import Silent, Watch, print_plan, print_result
-from slideframe.config import STAGE_KINDS, RunConfig, absolute, apply_override, read_toml, validate
+from slideframe.config import STAGE_KINDS, Mode, RunConfig, absolute, apply_override, read_toml, validate
 from slideframe.crew import Crew, assemble
 from slideframe.device import parse_device
 from slideframe.errors import SlideframeError, StoreError
 from slideframe.formats.video import require_encoder
+from slideframe.modes import apply_mode
 from slideframe.run_folder import LOG, JsonLines, RunFolder
 from slideframe.stages import StageKind
 from slideframe.store import Store
@@ -39,6 +40,8 @@ class RunOptions:
 
     config: Annotated[Path | None, tyro.conf.Positional] = None
     """TOML file; see `slideframe init`."""
+    mode: Mode | None = None
+    """paper or engineering: presets below the keys that are given."""
     pose_source: str | None = None
     """Plugin that finds the cameras."""
     reconstructor: str | None = None
@@ -82,15 +85,20 @@ def read_config(options: RunOptions) -> RunConfig:
     for kind in STAGE_KINDS:
         if name := getattr(options, kind):
             apply_override(content, f'stages.{kind}="{name}"')
+    if options.mode:
+        content["mode"] = options.mode
+    content = apply_mode(content)
     return absolute(validate(RunConfig, content, str(options.config or "the embedded demo")))
 
 
 def _parse_tuning(options: RunOptions, config: RunConfig, arguments: Sequence[str]) -> RunConfig:
     """Parse again, with a flag for every key of the problem and every option of the chosen plugins."""
-    fields = {name: field for name, field in RunConfig.model_fields.items() if name not in ("stages", "plugins")}
+    fields = {
+        name: field for name, field in RunConfig.model_fields.items() if name not in ("mode", "stages", "plugins")
+    }
     keys = {name: (field.annotation, getattr(config, name)) for name, field in fields.items()}
     changed, tuning = parse_key_flags(options, keys, assemble(config).stages(), arguments, "run CONFIG")
-    return absolute(RunConfig(**changed, stages=config.stages, plugins=dict(config.plugins) | tuning))
+    return absolute(RunConfig(**changed, mode=config.mode, stages=config.stages, plugins=dict(config.plugins) | tuning))
 
 
 def _run(options: RunOptions, config: RunConfig) -> int:

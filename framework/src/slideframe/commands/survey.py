@@ -146,9 +146,9 @@ def _parse_tuning(options: SurveyOptions, config: SurveyConfig, arguments: Seque
     """Parse again, with a flag for every key of the site and every option of the pose source."""
     keys = {name: (SurveyConfig.model_fields[name].annotation, getattr(config, name)) for name in ("site", "seed")}
     changed, tuning = parse_key_flags(options, keys, [_pose_source(config)[0]], arguments, "survey DIR")
-    changed["site"] = absolute_site(changed["site"])
     whole = {name: getattr(config, name) for name in SurveyConfig.model_fields}
-    return validate(SurveyConfig, {**whole, **changed, "plugins": config.plugins | tuning}, "the command line")
+    content = {**whole, **changed, "plugins": config.plugins | tuning}
+    return absolute(validate(SurveyConfig, content, "the command line"))
 
 
 def _pose_source(config: SurveyConfig) -> tuple[PoseSource, catalogue.Listing]:

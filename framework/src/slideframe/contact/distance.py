@@ -1,8 +1,8 @@
 """Signed distance from the nodes of a grid to a triangle mesh, near its surface only.
 
 Nodes near the surface are found by the cells that hold it. Each one's nearest triangle then comes from trees of the
-triangles' middles: the triangle with the nearest middle bounds the distance, and none whose disk lies beyond that can be
-nearer.
+triangles' middles: the triangle with the nearest middle bounds the distance, and none whose disk lies beyond that can
+be nearer.
 """
 
 from dataclasses import dataclass

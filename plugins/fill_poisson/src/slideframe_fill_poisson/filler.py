@@ -1,6 +1,7 @@
 """The stage: a Poisson surface from splats, and the soil below it."""
 
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -56,6 +57,10 @@ class PoissonFiller(VolumeFiller):
 
     name = "fill_poisson"
     backend: ClassVar[tuple[str, ...]] = ("open3d", "scipy", "manifold3d")
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "paper": {"mode": "paper", "placement": "lattice", "color_neighbours": 1},
+        "engineering": {"mode": "engineering"},
+    }
 
     mode: Mode = Field(
         default="engineering",
