@@ -42,10 +42,11 @@ def apply_mode(content: Table) -> Table:
     Raises:
         ConfigurationError: the engineering mode is asked to guess a friction angle.
     """
-    mode = content.get("mode")
+    mode: Any = content.get("mode")
     if mode not in get_args(Mode):
         return content
-    return _over(_preset(mode, content), content, [RunConfig])
+    whole: Table = _over(_preset(mode, content), content, [RunConfig])
+    return whole
 
 
 def chosen(config: RunConfig) -> list[Chosen]:
