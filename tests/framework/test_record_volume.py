@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from slideframe.products import Filling, SplatCloud
+from slideframe.quality.surface import SurfaceComparison
 from slideframe.record import Recording, log_filling
 from slideframe.record.section import Profile, draw_section
 from slideframe.record.volume import SUPPORT_COLORS, slip_faces
@@ -82,6 +83,31 @@ def test_numbers_are_the_filling_s(filling, tmp_path, monkeypatch):
     outline = np.array(logged["volume/outline"].strips.as_arrow_array()[0].as_py())
     np.testing.assert_allclose(outline[:, 2] - 0.5 * outline[:, 1], 0.15, atol=1e-4)
     assert np.abs(outline[:, :2]).max() == 2
+
+
+def test_numbers_and_map_tell_of_the_reference_ground(filling, tmp_path):
+    pytest.importorskip("rerun.chunk")
+    axis = np.arange(-1.75, 2, 0.5)
+    comparison = SurfaceComparison(axis, axis, np.full((8, 8), 0.12), 1.0)
+    figures = comparison.figures(0.3) | {"plan_area_m2": 16.0, "observed_share": 0.75}
+    logged = {}
+
+    class Stream:
+        def log(self, entity, archetype, *, static):
+            logged[entity] = archetype
+
+    log_filling(Stream(), filling, PLAN, figures, comparison)
+    text = logged["volume/numbers"].text.as_arrow_array()[0].as_py()
+    for row in (
+        "| plan area | 16.0 m² |",
+        "| ground of the region: observed | 75.0% |",
+        "| surface off the reference ground: RMSE | 0.120 m |",
+        "| … in splat spacings | 0.40 |",
+        "| … mean (positive: too high) | +0.120 m |",
+    ):
+        assert row in text
+    assert "surface around the mass" not in text  # the filler's own shares stand for it
+    assert "volume/difference" in logged
 
 
 def test_a_filling_without_surface_or_terrain_is_recorded_too(filling, tmp_path):

@@ -318,6 +318,7 @@ def test_not_a_number_in_a_product_is_told_with_field_and_place(workplace):
         (["--region.x-min", "99"], 2, "x_min must be less than x_max"),
         (["--regoin.x-min", "9"], 2, "--region.x-min"),
         (["--set", "site.photographs=nowhere"], 2, "no photographs"),
+        (["--set", "reference_ground.path=nowhere.asc"], 2, "nowhere.asc"),
         (["--set", "plugins.standin_solvr.seconds=1"], 2, "did you mean 'standin_solver'"),
         (["--view.background", "200", "220", "255"], 2, "less than or equal to 1"),
         (["--region.x-min", "1", "--solver", "other_solver", "nowhere.toml"], 2, "nrecognized"),
@@ -334,6 +335,29 @@ def test_a_region_outside_the_survey_is_told_before_the_splats(workplace):
     done = workplace.slideframe("run", "case.toml", "--region.x-min", "100", "--region.x-max", "120")
     assert done.returncode == 2
     assert "the survey covers x 0.0 to 9.0" in done.stderr
+    assert workplace.calls == ["standin_poses"]
+
+
+def test_the_surface_is_compared_with_a_reference_ground(workplace):
+    """The stand-ins' ground is level at 0 where the region's south-western half is, the reference 0.25 m above."""
+    workplace.run()
+    path = workplace.folder / "lidar.asc"
+    path.write_text("ncols 3\nnrows 3\nxllcorner 0\nyllcorner 0\ncellsize 3\n" + "0.25 0.25 0.25\n" * 3)
+    workplace.run("--set", f"reference_ground.path={path}")
+    assert workplace.calls == []  # it changes no result, and is in the report all the same
+    figures = workplace.result()["volume_filler"]
+    assert figures["reference_bias_m"] == pytest.approx(-0.25)
+    assert figures["reference_rmse_m"] == pytest.approx(0.25)
+    assert figures["reference_covered_share"] == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_reference_ground_elsewhere_is_told_before_the_splats(workplace):
+    path = workplace.folder / "lidar.asc"
+    path.write_text("ncols 2\nnrows 1\nxllcorner 50\nyllcorner 50\ncellsize 3\n1 1\n")
+    done = workplace.slideframe("run", "case.toml", "--set", f"reference_ground.path={path}")
+    assert done.returncode == 2
+    assert "no value over the region" in done.stderr
+    assert "[reference_ground]" in done.stderr
     assert workplace.calls == ["standin_poses"]
 
 

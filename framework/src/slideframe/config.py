@@ -19,6 +19,7 @@ from slideframe.problem import (
     Material,
     OrbitView,
     ProblemModel,
+    ReferenceGround,
     Region,
     Simulation,
     SimulationProblem,
@@ -62,6 +63,7 @@ class RunConfig(ProblemModel):
     boundary: Boundary = Boundary()
     simulation: Simulation
     view: View = OrbitView()
+    reference_ground: ReferenceGround | None = None
     outputs: Outputs = Outputs()
     stages: StageChoice = StageChoice()
     plugins: dict[str, dict[str, Any]] = Field(default={}, description="options of each plugin, by its name")

@@ -11,6 +11,7 @@ from slideframe.crew import Crew
 from slideframe.errors import ConfigurationError
 from slideframe.problem import Boundary, OrbitView, Region, SimulationProblem, View
 from slideframe.products import Picture, Survey
+from slideframe.quality.surface import require_reference_over_region
 from slideframe.release.coverage import require_base_below
 from slideframe.release.plan import plan_of, swapped_plan
 
@@ -24,6 +25,8 @@ def run(config: RunConfig, crew: Crew, bench: Bench) -> Keyed[Sequence[Picture]]
     bench.check(require_region_in_survey, survey, config.region)
     bench.check(require_view_of_survey, survey, config.view)
     bench.check(require_bodies_at_site, survey, config.boundary)
+    if config.reference_ground is not None:
+        bench.check(require_reference_over_region, survey, config.region, config.reference_ground)
     splats = bench.step(crew.reconstructor.reconstruct, survey)
     filling = bench.step(crew.volume_filler.fill, survey, splats, config.filling_problem)
     motion = bench.step(crew.solver.solve, filling, _placed(config.simulation_problem, survey))

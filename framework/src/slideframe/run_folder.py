@@ -28,6 +28,7 @@ from slideframe.config import RunConfig, write_toml
 from slideframe.errors import StoreError
 from slideframe.modes import chosen
 from slideframe.motion import measure
+from slideframe.release.plan import plan_of
 from slideframe.showing import COMPARISON, FILM, SHEET, Showing
 from slideframe.stages import StageKind
 from slideframe.store import storing
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from PIL import Image
 
     from slideframe.quality.appraisal import Appraisal
+    from slideframe.quality.surface import SurfaceComparison
 
 RESULT, CONFIG, LOG, RECORDING = "result.json", "run.toml", "log.jsonl", "recording.rrd"
 
@@ -88,8 +90,9 @@ class RunFolder:
         if not all((self.folder / name).is_file() for name in files):
             return False
         stored = json.loads((self.folder / RESULT).read_text(encoding="utf-8"))
-        made_as = stored["outputs"].get("config", {}).get("outputs")
-        return bool(stored["keys"] == _keys(bench) and made_as == config.outputs.model_dump(mode="json"))
+        made_as = stored["outputs"].get("config", {})
+        asked = config.model_dump(mode="json", include={"outputs", "reference_ground"})
+        return bool(stored["keys"] == _keys(bench) and all(made_as.get(name) == asked[name] for name in asked))
 
     def deliver(
         self, config: RunConfig, bench: Bench, film: bool, progress: Callable[[str, float, float], None]
@@ -112,12 +115,15 @@ class RunFolder:
         if film and "renderer" in bench.results:
             self._film(config, bench, progress)
         appraisal, maps = self._survey_report(config, bench)
-        result = self._result(config, bench, appraisal)
+        result, comparison = self._result(config, bench, appraisal), self._comparison(config, bench)
+        if comparison is not None:
+            spacing = result["volume_filler"].get("splat_spacing_m")
+            result["volume_filler"] |= comparison.figures(spacing if isinstance(spacing, float) else None)
         # so that the folder's products can be found and shown again, whatever is in run.toml by then
         result["outputs"] = {"store": str(bench.store.folder.resolve()), "config": config.model_dump(mode="json")}
         result["outputs"]["mode"] = mode_of(config)
         result["outputs"]["left_out"] = left_out
-        result["outputs"]["thinned_in_recording"] = self._recording(config, bench, result, maps, progress)
+        result["outputs"]["thinned_in_recording"] = self._recording(config, bench, result, comparison, maps, progress)
         write_result(self.folder / RESULT, result)
 
     def _survey_report(self, config: RunConfig, bench: Bench) -> "tuple[Appraisal | None, dict[str, Image.Image]]":
@@ -130,6 +136,16 @@ class RunFolder:
         maps = draw_maps(appraisal)
         write_report(self.folder, self.folder.name, keyed, appraisal, maps)
         return appraisal, maps
+
+    def _comparison(self, config: RunConfig, bench: Bench) -> "SurfaceComparison | None":
+        """Compare the surface with ground known from elsewhere, where the config names some."""
+        if config.reference_ground is None or "volume_filler" not in bench.results:
+            return None
+        from slideframe.quality.surface import compare_surface
+
+        georeference = bench.results["pose_source"].value.georeference
+        plan = plan_of(config.region, georeference)
+        return compare_surface(bench.results["volume_filler"].value, plan, config.reference_ground, georeference)
 
     def _exchange_files(self, bench: Bench) -> list[str]:
         """Write other programs' formats; return why one was left out, where its format can't hold the survey."""
@@ -155,6 +171,7 @@ class RunFolder:
         config: RunConfig,
         bench: Bench,
         result: Mapping[str, Any],
+        comparison: "SurfaceComparison | None",
         maps: "Mapping[str, Image.Image]",
         progress: Callable[[str, float, float], None],
     ) -> list[str]:
@@ -167,6 +184,8 @@ class RunFolder:
                 self.folder.name,
                 config,
                 values,
+                result.get("volume_filler", {}),
+                comparison,
                 maps,
                 lambda thinned: result_table(result, thinned),
                 lambda done, total: progress("recording", done, total),

@@ -12,7 +12,10 @@ from slideframe.demo import DEMO_REGION, write_demo_survey
 from slideframe.demo.flight import FLIGHT_MEAN, fly
 from slideframe.demo.survey import MANIFEST, ORIGIN
 from slideframe.errors import ConfigurationError
+from slideframe.formats.rasters import read_raster
 from slideframe.geodesy import enu_from_geodetic
+from slideframe.problem import ReferenceGround
+from slideframe.release.sampling import sample_heights
 
 WIDTH, COUNT = 240, 4
 DRONE = "{http://www.dji.com/drone-dji/1.0/}"
@@ -158,3 +161,17 @@ def test_impossible_options_are_refused(tmp_path, options, where):
         write_demo_survey(tmp_path / "survey", **options)
     assert caught.value.where == where
     assert not list(tmp_path.iterdir())
+
+
+def test_height_model_is_the_truth_on_the_map(survey):
+    """Read as any user's lidar would be, it has the true heights in the survey's frame."""
+    terrain = np.load(survey / "ground_truth/terrain.npz")
+    path = survey / "ground_truth/terrain.asc"
+    rows, columns = np.random.default_rng(3).integers(20, len(terrain["x"]) - 20, (2, 2000))
+    points = np.column_stack([terrain["x"][columns], terrain["y"][rows], terrain["heights"][rows, columns]])
+    given = ReferenceGround(path=path, epsg=4326)
+    difference = sample_heights(read_raster(path), given, points.astype(np.float64), ORIGIN, str(path)) - points[:, 2]
+    # between its cells a height model knows no edge of a boulder; most of the ground is smooth
+    assert np.median(np.abs(difference)) < 0.005
+    assert abs(difference.mean()) < 0.005
+    assert np.abs(difference).max() < 1.0

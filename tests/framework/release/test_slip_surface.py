@@ -155,7 +155,7 @@ def test_raster_elsewhere_and_swapped(grid_of, write_ascii):
     path = write_ascii(lambda x, y: x, 500, 600, 1.0, 20, 20)
     with pytest.raises(ConfigurationError, match="no value over the region") as caught:
         grid_of(RasterBase(path=path))
-    assert "x 500.0 to 520.0, y 600.0 to 620.0" in caught.value.what
+    assert "x 500 to 520, y 600 to 620" in caught.value.what
     assert caught.value.where == str(path)
 
 

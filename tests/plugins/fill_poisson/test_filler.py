@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from slideframe.errors import ConfigurationError, StageFailed
-from slideframe.problem import BoxRegion, FillingProblem
+from slideframe.problem import BoxRegion, FillingProblem, ReferenceGround
+from slideframe.quality.surface import compare_surface
+from slideframe.release.plan import plan_of
 from slideframe_fill_poisson.filler import PoissonFiller
 
 # The mesh follows a smooth surface to a small share of the splats' spacing; the lattice loses nothing but thin edges.
@@ -62,6 +64,26 @@ def test_mesh_looks_up_and_follows_the_ground(filled):
     gap = filling.surface_vertices[inside, 2] - bumps(*filling.surface_vertices[inside, :2].T)
     assert np.sqrt(np.mean(gap**2)) < SURFACE_TOLERANCE
     assert (filling.surface_support[inside] == 0).all()
+
+
+def test_surface_of_noisy_splats_is_within_half_a_spacing(survey, make_splats, scatter, box, context, tmp_path):
+    """Splats scatter by 0.4 spacings about the ground, as trained ones do; judged as `slideframe run` does."""
+    centers = scatter(bumps)
+    centers[:, 2] += np.random.default_rng(7).normal(0, 0.1, len(centers))
+    problem = box()
+    filling = PoissonFiller().fill(survey, make_splats(centers), problem, context)
+    cell, count = 0.1, 120
+    axis = -6 + cell * (np.arange(count) + 0.5)
+    lines = [" ".join(f"{value:.5f}" for value in row) for row in bumps(*np.meshgrid(axis, axis[::-1]))]
+    path = tmp_path / "truth.asc"
+    path.write_text(f"ncols {count}\nnrows {count}\nxllcorner -6\nyllcorner -6\ncellsize {cell}\n" + "\n".join(lines))
+    plan = plan_of(problem.region, survey.georeference)
+    comparison = compare_surface(filling, plan, ReferenceGround(path=path), survey.georeference)
+    figures = comparison.figures(context.figures["splat_spacing_m"])
+    # 0.25 in plan, more along the slopes and through the scatter
+    assert 0.25 < context.figures["splat_spacing_m"] < 0.3
+    assert 0.02 < figures["reference_rmse_splat_spacings"] < 0.5
+    assert abs(figures["reference_bias_m"]) < 0.02
 
 
 def test_vertical_face_stands(survey, make_splats, box, context):

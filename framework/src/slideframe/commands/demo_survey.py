@@ -33,9 +33,10 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def demo_config() -> dict[str, Any]:
-    """Return the embedded demo's config, its photographs below the current folder."""
+    """Return the embedded demo's config, its photographs and the true ground below the current folder."""
     content = tomllib.loads((files("slideframe.demo") / "demo.toml").read_text(encoding="utf-8"))
     content["site"]["photographs"] = str((DEMO_FOLDER / "photographs").resolve())
+    content["reference_ground"]["path"] = str((DEMO_FOLDER / "ground_truth" / "terrain.asc").resolve())
     return content
 
 

@@ -12,6 +12,7 @@ from PIL import Image
 
 from slideframe.arrays import UInt8Array
 from slideframe.demo.flight import FLIGHT_MEAN, PHOTOGRAPH_COUNT, Flight, fly
+from slideframe.demo.height_model import write_height_model
 from slideframe.demo.lens import pixel_rays, reduced_camera
 from slideframe.demo.metadata import Shot, exif_of, xmp_of
 from slideframe.demo.scene import Scene, build_scene, worker_count
@@ -19,7 +20,7 @@ from slideframe.errors import ConfigurationError
 from slideframe.geodesy import geodetic_from_enu
 from slideframe.products import Camera, Georeference
 
-GENERATOR_VERSION = 1  # raise it with any change of a single bit, so that old surveys are made again
+GENERATOR_VERSION = 2  # raise it with any change of a single bit, so that old surveys are made again
 # Hills of Hong Kong Island; the mean of the true camera positions
 ORIGIN = Georeference(latitude=22.2809, longitude=114.2196, ellipsoidal_height=148.4)
 MANIFEST = "slideframe_demo_survey.json"
@@ -33,9 +34,10 @@ def write_demo_survey(
 ) -> Path:
     """Photograph the demo's slope and return the folder of the photographs, `folder / "photographs"`.
 
-    `folder / "ground_truth"` receives cameras.json (origin, camera, world_from_camera of every photograph) and
-    terrain.npz (see `Scene.ground_truth`). The same options give the same bytes. A finished survey with
-    these options is left as it is, one with other options is replaced, and an unfinished one never shows.
+    `folder / "ground_truth"` receives cameras.json (origin, camera, world_from_camera of every photograph),
+    terrain.npz (see `Scene.ground_truth`) and its heights as a height model in longitude and latitude, terrain.asc.
+    The same options give the same bytes. A finished survey with these options is left as it is, one with other
+    options is replaced, and an unfinished one never shows.
 
     Args:
         folder: made if it doesn't exist.
@@ -97,7 +99,9 @@ def _write(folder: Path, camera: Camera, flight: Flight, progress: Progress) -> 
         },
     }
     (truth / "cameras.json").write_text(json.dumps(cameras, indent=1) + "\n")
-    np.savez(truth / "terrain.npz", allow_pickle=False, **scene.ground_truth())
+    terrain = scene.ground_truth()
+    np.savez(truth / "terrain.npz", allow_pickle=False, **terrain)
+    write_height_model(truth / "terrain.asc", terrain["x"], terrain["y"], terrain["heights"], ORIGIN)
 
 
 def _shots(flight: Flight) -> list[Shot]:

@@ -5,6 +5,7 @@ from slideframe.problem.boundary import Boundary, ColliderMesh, Domain, Wall
 from slideframe.problem.camera_path import Shot
 from slideframe.problem.grid import Grid, place_grid
 from slideframe.problem.material import LAWS, DruckerPrager, Elastic, LawConstants, Material, Sand
+from slideframe.problem.reference_ground import ReferenceGround
 from slideframe.problem.region import BoxRegion, FillingProblem, MeshRegion, PolygonRegion, Region
 from slideframe.problem.simulation import FEATURES, Simulation, SimulationProblem
 from slideframe.problem.site import Site
@@ -49,6 +50,7 @@ __all__ = [
     "PolygonRegion",
     "ProblemModel",
     "RasterBase",
+    "ReferenceGround",
     "Region",
     "Sand",
     "Share",

@@ -1,1 +1,1 @@
-"""How good a survey is, told from the survey alone: coverage, positions, pictures, and whether to fly again."""
+"""How good a survey is, and the surface made from it: coverage, positions, pictures, whether to fly again."""

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import rerun.blueprint as rrb
 
 SURVEY_MAPS = ("cameras", "overlap", "angles", "distances", "residuals")
+DIFFERENCE = "volume/difference"
 
 
 class Eye(NamedTuple):
@@ -14,8 +15,12 @@ class Eye(NamedTuple):
     target: tuple[float, float, float]
 
 
-def blueprint(eye: Eye | None, active_tab: int = 0) -> rrb.Blueprint:
-    """Lay out the motion with film, map and plots, then the scan, the survey's quality, the volume, the report."""
+def blueprint(eye: Eye | None, active_tab: int = 0, compared: bool = False) -> rrb.Blueprint:
+    """Lay out the motion with film, map and plots, then the scan, the survey's quality, the volume, the report.
+
+    With `compared`, the volume has a map of its surface's difference to a reference ground.
+    """
+    difference = [rrb.Spatial2DView(origin=f"/{DIFFERENCE}", name="Off the reference")] if compared else []
     controls = rrb.EyeControls3D(position=eye.position, look_target=eye.target, eye_up=(0, 0, 1)) if eye else None
 
     def space(name: str, *contents: str) -> rrb.Spatial3DView:
@@ -35,6 +40,7 @@ def blueprint(eye: Eye | None, active_tab: int = 0) -> rrb.Blueprint:
                     space("Slip surface", "/volume/slip_surface", "/volume/outline"),
                     space("Depth", "/volume/by_depth", "/volume/slip_surface", "/volume/outline"),
                     space("Observed and inferred", "/volume/by_origin", "/volume/outline"),
+                    *difference,
                 ),
                 rrb.Vertical(
                     rrb.Spatial2DView(origin="/volume/section", name="Section"),

@@ -4,6 +4,7 @@ import io
 
 import numpy as np
 import numpy.typing as npt
+import rerun as rr
 from PIL import Image
 
 from slideframe.arrays import Float32Array, UInt8Array
@@ -51,3 +52,10 @@ def jpeg(pixels: UInt8Array) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "JPEG", quality=88)
     return buffer.getvalue()
+
+
+def log_picture(stream: rr.RecordingStream, entity: str, picture: Image.Image) -> None:
+    """Log a drawing, which doesn't change in time, as a PNG file."""
+    buffer = io.BytesIO()
+    picture.save(buffer, "PNG")
+    stream.log(entity, rr.EncodedImage(contents=buffer.getvalue(), media_type="image/png"), static=True)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from slideframe.config import RunConfig
+from slideframe.quality.surface import SurfaceComparison
 from slideframe.record.blueprint import Eye
 from slideframe.record.film import log_film
 from slideframe.record.motion import log_motion
@@ -28,6 +29,8 @@ def record_run(
     name: str,
     config: RunConfig,
     values: Mapping[StageKind, Any],
+    figures: Mapping[str, Any],
+    comparison: SurfaceComparison | None,
     maps: "Mapping[str, Image.Image]",
     page: Callable[[list[str]], str],
     progress: Callable[[int, int], None],
@@ -41,11 +44,13 @@ def record_run(
         name: of the recording, shown in the viewer.
         config: of the run.
         values: the products by their stages' kinds.
+        figures: of the volume filler, and of the comparison of its surface with a reference ground.
+        comparison: that comparison, where there is such a reference.
         maps: of the survey's quality, by name.
         page: makes the result page (markdown) from what was left out.
         progress: is told of frames done and of how many.
     """
-    recording, left_out = Recording(path, name, _eye(config, values)), []
+    recording, left_out = Recording(path, name, _eye(config, values), compared=comparison is not None), []
     stream, budget = recording.stream, config.outputs.recording_megabytes * 1e6 * (1 - RESERVE)
     if "pose_source" in values:
         log_survey(stream, values["pose_source"])
@@ -55,7 +60,7 @@ def record_run(
         log_splats(stream, values["reconstructor"])
     if "volume_filler" in values:
         plan = plan_of(config.region, values["pose_source"].georeference)
-        log_filling(stream, values["volume_filler"], plan)
+        log_filling(stream, values["volume_filler"], plan, figures, comparison)
     if "renderer" in values:
         left_out += log_film(stream, values["renderer"], config.simulation.frame_rate)
     if "solver" in values:

@@ -1,6 +1,5 @@
 """The scan and the volume: what doesn't move."""
 
-import io
 from collections.abc import Mapping
 
 import rerun as rr
@@ -8,7 +7,7 @@ from PIL import Image
 
 from slideframe.photographs import load_photograph
 from slideframe.products import SplatCloud, Survey
-from slideframe.record.drawing import DRAWN_SPLATS, jpeg, real_part_last, rgba, thinned
+from slideframe.record.drawing import DRAWN_SPLATS, jpeg, log_picture, real_part_last, rgba, thinned
 
 PHOTOGRAPH_WIDTH = 480
 DRAWN_PHOTOGRAPHS = 120
@@ -39,11 +38,7 @@ def log_survey(stream: rr.RecordingStream, survey: Survey) -> None:
 def log_survey_maps(stream: rr.RecordingStream, maps: Mapping[str, Image.Image]) -> None:
     """Log the maps of the survey's quality, by name."""
     for name, picture in maps.items():
-        buffer = io.BytesIO()
-        picture.save(buffer, "PNG")
-        stream.log(
-            f"survey/maps/{name}", rr.EncodedImage(contents=buffer.getvalue(), media_type="image/png"), static=True
-        )
+        log_picture(stream, f"survey/maps/{name}", picture)
 
 
 def log_splats(stream: rr.RecordingStream, splats: SplatCloud) -> None:

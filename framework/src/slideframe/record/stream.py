@@ -24,12 +24,22 @@ FOOTER, FOOTER_VERSION_BYTES = b"RRF2FOOT", 4
 class Recording:
     """One .rrd file being written; it appears under its name when closed."""
 
-    def __init__(self, path: Path, name: str, eye: Eye | None = None, *, active_tab: int = 0) -> None:
-        """Open the file beside its final place, blueprint first; `eye` is where the 3-D views look from."""
+    def __init__(
+        self, path: Path, name: str, eye: Eye | None = None, *, active_tab: int = 0, compared: bool = False
+    ) -> None:
+        """Open the file beside its final place, blueprint first.
+
+        Args:
+            path: of the file.
+            name: of the recording.
+            eye: where the 3-D views look from.
+            active_tab: the one that is open at first.
+            compared: whether there is a map of the surface's difference to a reference ground.
+        """
         self._path = path
         self._partial = path.with_name(path.name + ".partial")
         self.stream = rr.RecordingStream(APPLICATION, recording_id=name)
-        self.stream.save(self._partial, default_blueprint=blueprint(eye, active_tab))
+        self.stream.save(self._partial, default_blueprint=blueprint(eye, active_tab, compared))
         self.stream.send_recording_name(name)
         self.stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
 

@@ -1,6 +1,7 @@
 """The filled volume: surface, outline, slip surface, particles, a section, and numbers."""
 
-import io
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -8,7 +9,11 @@ import rerun as rr
 
 from slideframe.arrays import Float32Array, Float64Array
 from slideframe.products import Filling
-from slideframe.record.drawing import DRAWN_SPLATS, heat, spacing_of, thinned
+from slideframe.quality.surface import SurfaceComparison
+from slideframe.quality.surface_map import draw_difference
+from slideframe.record.blueprint import DIFFERENCE
+from slideframe.record.drawing import DRAWN_SPLATS, heat, log_picture, spacing_of, thinned
+from slideframe.record.numbers import numbers_table
 from slideframe.record.section import Profile, draw_section
 from slideframe.release.grid import bilinear, lowest_heights
 from slideframe.release.plan import Plan
@@ -23,8 +28,22 @@ SECTION_STEPS = 400
 LIFT = 0.15  # m by which the outline floats over the ground
 
 
-def log_filling(stream: rr.RecordingStream, filling: Filling, plan: Plan) -> None:
-    """Log what the soil is, what of it was seen, and what it rests on."""
+def log_filling(
+    stream: rr.RecordingStream,
+    filling: Filling,
+    plan: Plan,
+    figures: Mapping[str, Any] | None = None,
+    comparison: SurfaceComparison | None = None,
+) -> None:
+    """Log what the soil is, what of it was seen, and what it rests on.
+
+    Args:
+        stream: to log to.
+        filling: the soil.
+        plan: of the region.
+        figures: what the filler and the comparison with a reference ground measured, for the table.
+        comparison: of the surface with the reference ground, for a map.
+    """
     _log_surface(stream, filling)
     heights = _Heights(filling)
     rings = [_on_ground(ring, heights) for ring in plan.rings]
@@ -33,7 +52,10 @@ def log_filling(stream: rr.RecordingStream, filling: Filling, plan: Plan) -> Non
     depth = _log_particles(stream, filling, heights)
     if len(filling.terrain_triangles):
         _log_section(stream, filling, heights)
-    stream.log("volume/numbers", rr.TextDocument(_table(filling, depth), media_type="text/markdown"), static=True)
+    if comparison is not None:
+        log_picture(stream, DIFFERENCE, draw_difference(comparison))
+    table = numbers_table(filling, depth, figures or {})
+    stream.log("volume/numbers", rr.TextDocument(table, media_type="text/markdown"), static=True)
 
 
 class _Heights:
@@ -145,9 +167,7 @@ def _log_section(stream: rr.RecordingStream, filling: Filling, heights: _Heights
         spacing=spacing_of(filling),
         bearing=float(np.degrees(np.arctan2(*(end - start))) % 360),
     )
-    buffer = io.BytesIO()
-    draw_section(profile, SUPPORT_COLORS).save(buffer, "PNG")
-    stream.log("volume/section", rr.EncodedImage(contents=buffer.getvalue(), media_type="image/png"), static=True)
+    log_picture(stream, "volume/section", draw_section(profile, SUPPORT_COLORS))
 
 
 def _section_line(filling: Filling) -> tuple[Float64Array, Float64Array]:
@@ -168,30 +188,6 @@ def _nearest_vertex(filling: Filling, x: Float64Array, y: Float64Array) -> npt.N
     plan = filling.surface_vertices[:, :2]
     places = np.column_stack([x, y]).astype(np.float32)
     return np.array([np.square(plan - place).sum(axis=1).argmin() for place in places])
-
-
-def _table(filling: Filling, depth: Float64Array) -> str:
-    corners = filling.surface_vertices[filling.surface_triangles].astype(np.float64)
-    area = np.linalg.norm(_cross(corners), axis=1) / 2
-    inside = ((corners.mean(axis=1)[:, :2] >= filling.bounds[0, :2]).all(axis=1)) & (
-        (corners.mean(axis=1)[:, :2] <= filling.bounds[1, :2]).all(axis=1)
-    )
-    worst = filling.surface_support[filling.surface_triangles].max(axis=1)[inside]
-    shares = [area[inside][worst == kind].sum() / max(area[inside].sum(), 1e-12) for kind in range(3)]
-    volumes = filling.particle_volumes.astype(np.float64)
-    rows = [
-        ("volume", f"{volumes.sum():,.1f} m³"),
-        ("mean depth of the soil below ground", f"{np.average(depth, weights=volumes):.2f} m"),
-        ("greatest depth of a particle", f"{depth.max(initial=0):.2f} m"),
-        ("particles", f"{len(volumes):,}, {spacing_of(filling):.3g} m apart"),
-        ("observed splats that move", f"{int((filling.surface_particles >= 0).sum()):,}"),
-        ("inferred splats inside / on the slip surface", f"{len(filling.interior):,} / {len(filling.scar):,}"),
-        ("surface around the mass: observed", f"{shares[0]:.1%}"),
-        ("… interpolated", f"{shares[1]:.1%}"),
-        ("… extrapolated", f"{shares[2]:.1%}"),
-        ("terrain that stays", f"{len(filling.terrain_triangles):,} triangles"),
-    ]
-    return "| the moving mass | |\n|---|---|\n" + "\n".join(f"| {name} | {value} |" for name, value in rows)
 
 
 def _vertex_normals(vertices: Float32Array, triangles: npt.NDArray[np.int32]) -> Float64Array:

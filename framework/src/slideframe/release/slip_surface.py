@@ -14,7 +14,6 @@ from slideframe.problem import (
     EarlierGroundBase,
     EllipsoidBase,
     FlatBase,
-    MapHeights,
     MeshBase,
     MeshRegion,
     PlaneBase,
@@ -24,10 +23,11 @@ from slideframe.problem import (
     SlipSurface,
 )
 from slideframe.products import Georeference
-from slideframe.release.coordinates import local_points, map_points
+from slideframe.release.coordinates import local_points
 from slideframe.release.fits import fit_ellipsoid, fit_plane
 from slideframe.release.grid import Area, ReleaseGrid, bilinear, lowest_heights
 from slideframe.release.plan import Plan
+from slideframe.release.sampling import sample_heights, sample_values
 from slideframe.release.slbl import base_level
 
 GroundHeights = Callable[[Float64Array, Float64Array], Float64Array]
@@ -127,11 +127,11 @@ def _(base: SlblBase, area: Area) -> Heights:
 @_heights.register
 def _(base: RasterBase, area: Area) -> Heights:
     raster = read_raster(base.path)
-    values = _sampled(raster, base, str(base.path), area)
     if base.quantity == "height":
-        return values, {}
+        return _heights_of(raster, base, area), {}
+    values = sample_values(raster, base, _nodes(area), area.georeference, str(base.path))
     # "whatever the sign": some count depths downwards, some as a change of height
-    depth = np.abs(values)
+    depth = np.abs(values).reshape(area.across.shape)
     return area.known(np.where(depth > 0, area.heights - depth, np.nan)), {}
 
 
@@ -144,7 +144,7 @@ def _(base: MeshBase, area: Area) -> Heights:
 @_heights.register
 def _(base: EarlierGroundBase, area: Area) -> Heights:
     raster = read_raster(base.path)
-    earlier = _sampled(raster, base, str(base.path), area)
+    earlier = _heights_of(raster, base, area)
     shift, scatter = _alignment(raster, base, area) if base.align else (0.0, 0.0)
     risen = area.heights - (earlier + shift)
     figures = {"earlier_ground_shift_m": shift, "earlier_ground_scatter_m": scatter} if base.align else {}
@@ -164,7 +164,7 @@ def _alignment(raster: Raster, base: EarlierGroundBase, area: Area) -> tuple[flo
     )
     wide = Area(area.plan, area.ground, x, y, area.georeference)
     outside = ~area.plan.contains(wide.across.ravel(), wide.along.ravel()).reshape(wide.across.shape)
-    difference = wide.heights - _sampled(raster, base, str(base.path), wide)
+    difference = wide.heights - _heights_of(raster, base, wide)
     difference = difference[outside & np.isfinite(difference)]
     if len(difference) < LEAST_ALIGNMENT:
         raise ConfigurationError(
@@ -176,36 +176,17 @@ def _alignment(raster: Raster, base: EarlierGroundBase, area: Area) -> tuple[flo
     return shift, float(1.4826 * np.median(np.abs(difference - shift)))
 
 
-def _sampled(raster: Raster, given: MapHeights, where: str, area: Area) -> Float64Array:
-    """Return a raster's values at the grid's nodes (column, row), heights in the local frame, depths as they are."""
-    epsg = raster.epsg if given.epsg is None else given.epsg
-    known = area.known(area.heights)
-    height = np.where(np.isfinite(known), known, np.nanmedian(known))
-    places = np.column_stack([area.across.ravel(), area.along.ravel(), height.ravel()])
-    on_map = map_points(places, epsg, given, area.georeference)
-    values = raster.sample(on_map[:, 0], on_map[:, 1])
-    _require_cover(raster, values, on_map, epsg, where)
-    if epsg is not None and not (isinstance(given, RasterBase) and given.quantity == "depth"):
-        there = np.isfinite(values)
-        moved = np.column_stack([on_map[there, :2], values[there]])
-        resolved = given.model_copy(update={"epsg": epsg})
-        values[there] = local_points(moved, resolved, area.georeference, where)[:, 2]
+def _heights_of(raster: Raster, base: RasterBase | EarlierGroundBase, area: Area) -> Float64Array:
+    """Return a height model's values at the grid's nodes (column, row), heights in the local frame, m."""
+    values = sample_heights(raster, base, _nodes(area), area.georeference, str(base.path))
     return values.reshape(area.across.shape)
 
 
-def _require_cover(raster: Raster, values: Float64Array, places: Float64Array, epsg: int | None, where: str) -> None:
-    if np.isfinite(values).any():
-        return
-    west, south, east, north = raster.bounds
-    (x, y), (swapped_x, swapped_y) = np.median(places[:, :2], axis=0), np.median(places[:, 1::-1], axis=0)
-    swapped = west <= swapped_x <= east and south <= swapped_y <= north
-    system = f"EPSG:{epsg}" if epsg else "the local frame, since neither the file nor epsg names another"
-    raise ConfigurationError(
-        f"the raster has no value over the region, which is at ({x:.1f}, {y:.1f}) in {system}; it covers "
-        f"x {west:.1f} to {east:.1f}, y {south:.1f} to {north:.1f}" + ("; its axes are swapped" if swapped else ""),
-        where=where,
-        cure="write eastings along x" if swapped else "check the region and the raster's coordinate system (epsg)",
-    )
+def _nodes(area: Area) -> Float64Array:
+    """Return the grid's nodes on the ground (node, 3), m; where there is none, at its median height."""
+    known = area.known(area.heights)
+    height = np.where(np.isfinite(known), known, np.nanmedian(known))
+    return np.column_stack([area.across.ravel(), area.along.ravel(), height.ravel()])
 
 
 def _mesh(given: MeshBase | MeshRegion, where: str, georeference: Georeference) -> tuple[Float64Array, Int32Array]:
