@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from slideframe.arrays import Float32Array, Float64Array
+from slideframe.arrays import Float32Array, Float64Array, UInt8Array
 from slideframe.device import Device
 from slideframe.errors import StageFailed
 from slideframe.problem import FillingProblem, MeshRegion, ProblemModel, Share
@@ -26,6 +26,7 @@ from slideframe_fill_poisson.rays import Body
 from slideframe_fill_poisson.refusals import outside, require_mass, too_thin
 from slideframe_fill_poisson.scar import scar_splats
 from slideframe_fill_poisson.solids import GROUND, Mesh, Solid
+from slideframe_fill_poisson.standing import occupied_area, standing_splats
 from slideframe_fill_poisson.support import (
     Support,
     distance_to,
@@ -50,6 +51,8 @@ LEAST_SUPPORT = 100  # splats; fewer don't make a surface
 STEPS = 6
 RESCALING_TO_TELL = 0.03
 GROUND_SPACINGS = 1.5
+SUSPECTED_WIDTH = 8.0  # m: of trees, looked for to tell of them
+STANDING_TO_TELL = 0.02
 
 
 class PoissonFiller(VolumeFiller):
@@ -107,6 +110,13 @@ class PoissonFiller(VolumeFiller):
         default="move", description="what stands on the mass (plants, structures): it moves with it or stays in the air"
     )
 
+    standing_width: float = Field(
+        default=0.0,
+        ge=0,
+        le=50,
+        description="trees and structures up to this wide aren't filled with soil, m; 0: all that was scanned is soil",
+    )
+
     def preflight(self, problem: ProblemModel, device: Device) -> None:
         """Read the region's files, so that a fault in them is told before anything is computed."""
         if isinstance(problem, FillingProblem):
@@ -117,7 +127,7 @@ class PoissonFiller(VolumeFiller):
         region, spacing = problem.region, problem.particle_spacing
         plan = plan_of(region, survey.georeference)
         context.progress(0, STEPS)
-        support = self._support(survey, splats, plan)
+        support = self._support(survey, splats, plan, context)
         context.progress(1, STEPS, support_splats=len(support.centers))
         soil, grid = self._ground(support, plan, problem, survey.georeference)
         ground = ground_of(soil)
@@ -143,8 +153,8 @@ class PoissonFiller(VolumeFiller):
         moving = carriers(splats, positions, surface, plan, grid, spacing, self._moving_height(support))
         context.figure("moving_splats", int((moving != STAYS).sum()))
         context.progress(5, STEPS)
-        shown = _trimmed(ground, support, self._limits(support))
-        terrain = _trimmed(pit.terrain, support, self._limits(support))
+        shown, classes = _trimmed(ground, support, self._limits(support))
+        terrain, _ = _trimmed(pit.terrain, support, self._limits(support))
         filling = Filling(
             bounds=bounds,
             particle_positions=positions,
@@ -154,7 +164,7 @@ class PoissonFiller(VolumeFiller):
             surface_particles=moving,
             surface_vertices=shown.vertices.astype(np.float32),
             surface_triangles=shown.triangles,
-            surface_support=support_classes(shown.vertices, support, *self._limits(support)),
+            surface_support=classes,
             terrain_vertices=terrain.vertices.astype(np.float32),
             terrain_triangles=terrain.triangles,
             scar=scar,
@@ -186,7 +196,7 @@ class PoissonFiller(VolumeFiller):
         rectangle = np.array([np.maximum(reach[0], scanned[0]), np.minimum(reach[1], scanned[1])])
         return soil_body(sheet, rectangle, float(np.nanmin(grid.base))), grid
 
-    def _support(self, survey: Survey, splats: SplatCloud, plan: Plan) -> Support:
+    def _support(self, survey: Survey, splats: SplatCloud, plan: Plan, context: Context) -> Support:
         """Choose the splats of the ground around the region."""
         solid = solid_splats(splats, self.minimum_opacity, self.oversize_ratio)
         _require(len(solid), "opaque enough", self.minimum_opacity, splats)
@@ -198,9 +208,26 @@ class PoissonFiller(VolumeFiller):
         kept = near[
             near_neighbors(splats.centers[near].astype(np.float64), self.outlier_neighbors, self.outlier_deviations)
         ]
+        kept = kept[self._is_ground(splats.centers[kept].astype(np.float64), plan, context)]
         centers = splats.centers[kept].astype(np.float64)
         spacing = surface_spacing(centers)
         return Support(kept, centers, outward_normals(centers, survey, self.normal_neighbors, spacing), spacing)
+
+    def _is_ground(self, centers: Float64Array, plan: Plan, context: Context) -> np.ndarray:
+        """Tell which splats (splat, 3) aren't trees or structures, or say that such ones count as ground."""
+        spacing = surface_spacing(centers)
+        standing = standing_splats(centers, spacing, self.standing_width or SUSPECTED_WIDTH)
+        inside = within(centers, plan.bounds)
+        share = occupied_area(centers[inside & standing], spacing) / occupied_area(centers[inside], spacing)
+        context.figure("standing_share", share)
+        if self.standing_width:
+            return ~standing
+        if share > STANDING_TO_TELL:
+            context.warn(
+                f"{share:.0%} of the region rises abruptly from the ground, as trees and structures do, and was filled "
+                f"with soil: standing_width = {SUSPECTED_WIDTH:g} in [plugins.fill_poisson] would leave it out"
+            )
+        return np.ones(len(centers), bool)
 
     def _report_support(
         self,
@@ -262,9 +289,13 @@ def _bounds(plan: Plan, mass: Solid) -> Float64Array:
     return np.column_stack([plan.bounds, [heights.min(), heights.max()]])
 
 
-def _trimmed(mesh: Mesh, support: Support, limits: tuple[float, float]) -> Mesh:
-    """Leave out the rim that no splat supports."""
-    return mesh.only(~unsupported_rim(mesh, support_classes(mesh.vertices, support, *limits)))
+def _trimmed(mesh: Mesh, support: Support, limits: tuple[float, float]) -> tuple[Mesh, UInt8Array]:
+    """Leave out the rim of ground that no splat supports, and return the classes of what is left (vertex,)."""
+    ground = np.unique(mesh.triangles[mesh.origins == GROUND])
+    classes = np.full(len(mesh.vertices), EXTRAPOLATED, np.uint8)
+    classes[ground] = support_classes(mesh.vertices[ground], support, *limits)
+    kept = ~unsupported_rim(mesh, classes)
+    return mesh.only(kept), classes[np.unique(mesh.triangles[kept])]
 
 
 def _body(mesh: Mesh) -> Body:

@@ -47,7 +47,7 @@ def widened(rectangle: Float64Array, margin: float) -> Float64Array:
     return wide
 
 
-def within(centers: Float32Array, rectangle: Float64Array) -> np.ndarray:
+def within(centers: Float32Array | Float64Array, rectangle: Float64Array) -> np.ndarray:
     """Tell which points stand above a rectangle (2, 2) in plan, m."""
     inside: np.ndarray = ((centers[:, :2] >= rectangle[0]) & (centers[:, :2] <= rectangle[1])).all(axis=1)
     return inside
@@ -132,5 +132,5 @@ def distance_to(centers: Float64Array, points: Float64Array) -> Float64Array:
 def _neighbor_distances(centers: Float64Array, neighbors: int) -> Float64Array:
     from scipy.spatial import cKDTree
 
-    distances: Float64Array = cKDTree(centers).query(centers, k=neighbors + 1)[0]
+    distances: Float64Array = cKDTree(centers).query(centers, k=neighbors + 1, workers=-1)[0]
     return distances[:, 1:]

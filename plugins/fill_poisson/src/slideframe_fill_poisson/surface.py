@@ -1,12 +1,10 @@
 """The ground's surface: a screened Poisson mesh, and how well splats support it."""
 
-from typing import Any
-
 import numpy as np
 
 from slideframe.arrays import Float32Array, Float64Array, Int32Array, UInt8Array
 from slideframe_fill_poisson.rays import downward, tensor
-from slideframe_fill_poisson.solids import Mesh, rim_edges
+from slideframe_fill_poisson.solids import GROUND, Mesh, rim_edges
 from slideframe_fill_poisson.support import Support, distance_to
 
 OBSERVED, INTERPOLATED, EXTRAPOLATED = 0, 1, 2
@@ -79,8 +77,8 @@ class Surface:
 def poisson_sheet(support: Support, observed: float) -> tuple[Float64Array, Int32Array]:
     """Mesh the ground (Kazhdan & Hoppe 2013) with cells as wide as the splats' spacing.
 
-    The sheet ends at the sides of a cube about the splats. Closed parts without a splat within `observed` metres
-    are left out: Poisson closes voids with bubbles.
+    The sheet ends at the sides of a cube about the splats. Closed parts are left out where they float in the air, as
+    the crowns of trees do, and where no splat is within `observed` metres: Poisson closes voids with bubbles.
 
     Returns:
         Vertices (vertex, 3), m, and triangles (triangle, 3), counter-clockwise seen from the air.
@@ -94,9 +92,9 @@ def poisson_sheet(support: Support, observed: float) -> tuple[Float64Array, Int3
     mesh, _ = open3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
         cloud, depth=depth, scale=CUBE_SCALE, linear_fit=True, n_threads=POISSON_THREADS
     )
-    vertices = np.asarray(mesh.vertices).copy()
+    vertices, triangles = np.asarray(mesh.vertices).copy(), np.asarray(mesh.triangles).astype(np.int32)
     near = distance_to(support.centers, vertices) <= observed
-    return vertices, _supported_parts(mesh, near)
+    return vertices, _ground_parts(vertices, triangles, near)
 
 
 def support_classes(vertices: Float64Array, support: Support, observed: float, extrapolated: float) -> UInt8Array:
@@ -113,33 +111,46 @@ def support_classes(vertices: Float64Array, support: Support, observed: float, e
 
 
 def unsupported_rim(mesh: Mesh, classes: UInt8Array) -> np.ndarray:
-    """Tell which triangles are extrapolated and reach the mesh's rim through such ones (triangle,).
+    """Tell which triangles of the ground are extrapolated and reach the mesh's rim through such ones (triangle,).
 
-    There the scan ended and Poisson went on inventing; what is extrapolated within the scan closes a gap.
+    There the scan ended and Poisson went on inventing; what is extrapolated within the scan closes a gap. Slip surface
+    and sides of a pit aren't ground: no splat stands near them, and they stay.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    doubtful = np.flatnonzero((classes[mesh.triangles] == EXTRAPOLATED).all(axis=1))
+    doubtful = np.flatnonzero((mesh.origins == GROUND) & (classes[mesh.triangles] == EXTRAPOLATED).all(axis=1))
     corners = mesh.triangles[doubtful]
-    count = len(mesh.vertices)
-    rows, columns = corners[:, [0, 1]].ravel(), corners[:, [1, 2]].ravel()
-    part_of = connected_components(coo_matrix((np.ones(len(rows)), (rows, columns)), (count, count)), directed=False)[1]
-    at_rim = np.zeros(part_of.max(initial=-1) + 1, bool)
+    part_of = _parts(corners, len(mesh.vertices))
+    at_rim = np.zeros(len(mesh.vertices), bool)
     at_rim[part_of[np.unique(rim_edges(mesh.triangles))]] = True
     found = np.zeros(len(mesh.triangles), bool)
     found[doubtful[at_rim[part_of[corners[:, 0]]]]] = True
     return found
 
 
-def _supported_parts(mesh: Any, near: np.ndarray) -> Int32Array:
-    part_of, _, _ = mesh.cluster_connected_triangles()
-    part_of, triangles = np.asarray(part_of), np.asarray(mesh.triangles).astype(np.int32)
-    kept = np.zeros(part_of.max(initial=-1) + 1, bool)
-    kept[part_of[near[triangles].any(axis=1)]] = True
-    rim = np.zeros(len(mesh.vertices), bool)
-    rim[rim_edges(triangles)] = True
-    # an open part can't be left out: it is a side of the ground, not a bubble in it
-    kept[part_of[rim[triangles].any(axis=1)]] = True
-    supported: Int32Array = triangles[kept[part_of]]
-    return supported
+def _ground_parts(vertices: Float64Array, triangles: Int32Array, near: np.ndarray) -> Int32Array:
+    """Return the triangles of the open parts, and of closed ones around a void that has vertices near splats.
+
+    An open part can't be left out: it is a side of the ground, not a bubble in it. A closed part that looks outwards
+    encloses a positive volume and hangs in the air.
+    """
+    count = len(vertices)
+    part_of = _parts(triangles, count)
+    part = part_of[triangles[:, 0]]
+    a, b, c = (vertices[triangles] - vertices.mean(axis=0)).transpose(1, 0, 2)
+    volumes = np.bincount(part, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6, minlength=count)
+    kept = np.zeros(count, bool)
+    kept[part_of[near]] = True
+    kept &= volumes <= 0
+    kept[part_of[np.unique(rim_edges(triangles))]] = True
+    chosen: Int32Array = triangles[kept[part]]
+    return chosen
+
+
+def _parts(triangles: Int32Array, count: int) -> Int32Array:
+    """Return which connected part each of `count` vertices is of (vertex,)."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    rows, columns = triangles[:, [0, 1]].ravel(), triangles[:, [1, 2]].ravel()
+    edges = coo_matrix((np.ones(len(rows), bool), (rows, columns)), (count, count))
+    parts: Int32Array = connected_components(edges, directed=False)[1]
+    return parts
