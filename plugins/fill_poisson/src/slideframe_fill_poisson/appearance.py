@@ -20,18 +20,29 @@ Color = tuple[float, float, float]
 class SoilColors:
     """Base colours of soil: the surface's nearby, or a palette's."""
 
-    def __init__(self, observed: SplatCloud, ground: Float32Array, neighbors: int, palette: tuple[Color, ...]) -> None:
+    def __init__(
+        self,
+        observed: SplatCloud,
+        ground: Float32Array,
+        photographed: Float32Array,
+        neighbors: int,
+        palette: tuple[Color, ...],
+    ) -> None:
         """Look colours up for the vertices of the ground's surface.
 
         Args:
             observed: splats of the surface.
             ground: vertices of the surface (vertex, 3), m.
-            neighbors: splats whose mean colours the soil; with 1, each point takes its own nearest one's.
+            photographed: sRGB colours of the vertices (vertex, 3); NaN where the splats must tell.
+            neighbors: splats whose mean colours such a vertex; with 1, each point takes its own nearest one's instead.
             palette: sRGB colours to choose from instead; empty: the surface's.
         """
-        self._observed, self._neighbors, self._palette = observed, neighbors, palette
-        self._of_vertex = None if palette or neighbors == 1 else _mean_colors(ground, observed, neighbors)
-        self._usual = _bare(observed.harmonics[:, 0])
+        self._observed, self._palette, self._of_vertex = observed, palette, None
+        if not palette and neighbors > 1:
+            unseen = np.flatnonzero(np.isnan(photographed[:, 0]))
+            self._of_vertex = _base(photographed)
+            self._of_vertex[unseen] = _mean_colors(ground[unseen], observed, neighbors)
+            self._usual = _bare(self._of_vertex)
 
     def at(self, points: Float32Array, foot: Float32Array, vertex: Int32Array, spacing: float) -> Float32Array:
         """Return the base colour (point, 1, 3) of soil at `points` (point, 3).
@@ -45,9 +56,9 @@ class SoilColors:
         patch = _hash(points, PATCH_SPACINGS * spacing)
         if self._palette:
             chosen = (patch % np.uint64(len(self._palette))).astype(np.int64)
-            colors = (np.asarray(self._palette, np.float32)[chosen] - np.float32(0.5)) / np.float32(HARMONIC_0)
+            colors = _base(np.asarray(self._palette, np.float32)[chosen])
         elif self._of_vertex is None:
-            colors = _mean_colors(foot, self._observed, 1)
+            colors = self._observed.harmonics[_nearest(foot, self._observed, 1)[:, 0], 0]
         else:
             depth = np.linalg.norm(foot - points, axis=1)[:, None]
             left = np.exp(-depth / FADING_DEPTH)
@@ -57,8 +68,13 @@ class SoilColors:
         return np.ascontiguousarray(colors[:, None, :], np.float32)
 
 
+def _base(colors: Float32Array) -> Float32Array:
+    """Return the coefficients of the zeroth harmonic that show as these sRGB colours."""
+    return np.asarray((colors - np.float32(0.5)) / np.float32(HARMONIC_0), np.float32)
+
+
 def _bare(colors: Float32Array) -> Float32Array:
-    """Return the median of the half of the base colours (splat, 3) with the least excess green.
+    """Return the median of the half of the base colours (point, 3) with the least excess green.
 
     Excess green 2 g - r - b tells plants from soil (Woebbecke et al. 1995).
     """
@@ -68,21 +84,28 @@ def _bare(colors: Float32Array) -> Float32Array:
 
 
 def _mean_colors(points: Float32Array, observed: SplatCloud, neighbors: int) -> Float32Array:
-    """Return the mean base colour (point, 3) of the nearest splats, weighed by opacity.
+    """Return the mean base colour (point, 3) of the nearest splats, weighed by opacity and size, none beyond 0 to 1.
 
-    One splat alone is a poor witness: splats overlap, and colours far outside 0 to 1 are common among them.
+    One splat alone is a poor witness: splats overlap, and colours far outside 0 to 1 are common among small ones.
     """
-    from scipy.spatial import cKDTree
-
-    count = min(neighbors, len(observed))
-    tree, base = cKDTree(observed.centers), observed.harmonics[:, 0]
+    base = observed.harmonics[:, 0].clip(-0.5 / HARMONIC_0, 0.5 / HARMONIC_0)
+    areas = np.sort(observed.scales, axis=1)[:, 1:].prod(axis=1)
     colors = np.empty((len(points), 3), np.float32)
     for first in range(0, len(points), QUERIES_AT_ONCE):
         part = slice(first, first + QUERIES_AT_ONCE)
-        nearest = tree.query(points[part], k=count, workers=-1)[1].reshape(-1, count)
-        weights = observed.opacities[nearest][:, :, None]
+        nearest = _nearest(points[part], observed, neighbors)
+        weights = (observed.opacities * areas)[nearest][:, :, None]
         colors[part] = (base[nearest] * weights).sum(axis=1) / weights.sum(axis=1)
     return colors
+
+
+def _nearest(points: Float32Array, observed: SplatCloud, neighbors: int) -> npt.NDArray[np.int64]:
+    """Return the nearest splats (point, neighbour) of each point."""
+    from scipy.spatial import cKDTree
+
+    count = min(neighbors, len(observed))
+    found = cKDTree(observed.centers).query(points, k=count, workers=-1)[1]
+    return np.asarray(found, np.int64).reshape(-1, count)
 
 
 def _hash(points: Float32Array, size: float) -> UInt64Array:

@@ -21,6 +21,7 @@ from slideframe_fill_poisson.coupling import STAYS, Standing, carriers
 from slideframe_fill_poisson.excavation import excavate, ground_of, room_above, room_of, soil_body
 from slideframe_fill_poisson.interior import Mode, interior_splats
 from slideframe_fill_poisson.lattice import Lattice
+from slideframe_fill_poisson.photographed import photographed_colors
 from slideframe_fill_poisson.placement import Placement, fill_body
 from slideframe_fill_poisson.rays import Body
 from slideframe_fill_poisson.refusals import outside, require_mass, too_thin
@@ -75,7 +76,10 @@ class PoissonFiller(VolumeFiller):
     )
     interior_opacity: float = Field(default=0.95, gt=0, le=1, description="opacity of interior splats")
     color_neighbours: int = Field(
-        default=32, ge=1, le=1000, description="observed splats whose mean colours an interior one; the paper takes 1"
+        default=32,
+        ge=1,
+        le=1000,
+        description="splats whose mean colours soil that no photograph shows; 1: only the nearest one's, as the paper",
     )
     palette: tuple[tuple[Share, Share, Share], ...] = Field(
         default=(), description="sRGB colours of the soil, in patches; none: those of the surface above"
@@ -143,7 +147,7 @@ class PoissonFiller(VolumeFiller):
         bounds = _bounds(plan, pit.mass)
         positions, volumes = _particles(pit.mass, Lattice(bounds, spacing), self.placement, context)
         context.progress(3, STEPS, particles=len(positions))
-        colors = SoilColors(_subset(splats, support.indices), surface.vertices, self.color_neighbours, self.palette)
+        colors = self._colors(_subset(splats, support.indices), surface, survey, support.spacing, spacing, context)
         body = _body(soil.mesh())
         interior = interior_splats(positions, surface, body, spacing, self.mode, self.interior_opacity, colors)
         context.progress(4, STEPS)
@@ -171,6 +175,22 @@ class PoissonFiller(VolumeFiller):
         )
         context.progress(STEPS, STEPS)
         return filling
+
+    def _colors(
+        self,
+        observed: SplatCloud,
+        surface: Surface,
+        survey: Survey,
+        ground_spacing: float,
+        spacing: float,
+        context: Context,
+    ) -> SoilColors:
+        ground = surface.vertices
+        photographed = np.full_like(ground, np.nan)
+        if self.color_neighbours > 1 and not self.palette:
+            photographed = photographed_colors(ground, survey, ground_spacing, spacing)
+            context.figure("photographed_share", float(np.isfinite(photographed[:, 0]).mean()))
+        return SoilColors(observed, ground, photographed, self.color_neighbours, self.palette)
 
     def _margin(self, plan: Plan) -> float:
         return self.margin * float((plan.bounds[1] - plan.bounds[0]).max())

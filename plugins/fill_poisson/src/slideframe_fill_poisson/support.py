@@ -87,7 +87,7 @@ def outward_normals(centers: Float64Array, survey: Survey, neighbors: int, spaci
     views = np.zeros_like(centers)
     for index in range(len(survey.photographs)):
         towards = survey.world_from_camera[index, :, 3] - centers
-        weight = _seen(centers, survey, index, spacing) / np.linalg.norm(towards, axis=1) ** 3
+        weight = seen_from(centers, survey, index, spacing) / np.linalg.norm(towards, axis=1) ** 3
         views += weight[:, None] * towards
     agreement = np.einsum("ij,ij->i", normals, views)
     undecided = np.abs(agreement) <= GRAZING * np.linalg.norm(views, axis=1)
@@ -96,7 +96,7 @@ def outward_normals(centers: Float64Array, survey: Survey, neighbors: int, spaci
     return normals
 
 
-def _seen(centers: Float64Array, survey: Survey, index: int, spacing: float) -> np.ndarray:
+def seen_from(centers: Float64Array, survey: Survey, index: int, spacing: float) -> np.ndarray:
     """Tell which points lie in the picture and are not hidden behind nearer points.
 
     The lens's distortion moves points by a few pixels at the rim only, which doesn't matter here.
