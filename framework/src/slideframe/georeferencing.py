@@ -347,8 +347,8 @@ def _require_inside(crs: "CRS", geodetic: Float64Array) -> None:
         | (latitude > north + AREA_MARGIN)
     )
     if outside.any():
-        place = geodetic[int(outside.argmax())]
+        place, area = geodetic[int(outside.argmax())], crs.area_of_use.name.rstrip(".")
         raise InputError(
-            f"{crs.name} is made for {crs.area_of_use.name}, and a point lies at {place[0]:.4f} N, {place[1]:.4f} E",
+            f"{crs.name} is made for {area}, and a point lies at {place[0]:.4f} N, {place[1]:.4f} E",
             cure="check the EPSG code, and that x (easting or longitude) stands before y (northing or latitude)",
         )

@@ -151,3 +151,11 @@ def test_the_survey_is_judged_where_the_region_lies(georeference, to_map, tmp_pa
     np.testing.assert_allclose(plan_bounds(region, georeference), [-20, 30, -10, 25], atol=0.01)
     assert plan_bounds(None, georeference) is None
     assert plan_bounds(PolygonRegion(path=tmp_path / "none.geojson", base=BASE), georeference) is None
+
+
+def test_a_file_with_swapped_axes_is_named(georeference, write_geojson):
+    path = write_geojson([[(22.28, 114.21), (22.29, 114.21), (22.29, 114.22)]])  # latitude first
+    with pytest.raises(InputError, match=r"lies at 114\.2") as caught:
+        plan_of(PolygonRegion(path=path, base=BASE), georeference)
+    assert caught.value.where == str(path)
+    assert "before y" in caught.value.cure

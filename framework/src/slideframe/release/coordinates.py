@@ -1,9 +1,12 @@
 """Coordinates that users give, brought into the survey's frame, and recognised where they are of another kind."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 
 from slideframe.arrays import Float64Array
-from slideframe.errors import ConfigurationError
+from slideframe.errors import ConfigurationError, SlideframeError
 from slideframe.georeferencing import Heights, from_local, to_local
 from slideframe.problem import MapHeights
 from slideframe.products import Georeference
@@ -20,14 +23,16 @@ def local_points(points: Float64Array, given: MapHeights, georeference: Georefer
     """
     if given.epsg is None:
         return require_local(points, where)
-    return to_local(points, given.epsg, georeference, heights_of(given))
+    with _named(where):
+        return to_local(points, given.epsg, georeference, heights_of(given))
 
 
 def local_outline(ring: Float64Array, epsg: int | None, georeference: Georeference, where: str) -> Float64Array:
     """Return corners (corner, 2) in the local frame, m. Raises as `local_points`."""
     if epsg is None:
         return require_local(ring, where)
-    return to_local(ring, epsg, georeference)
+    with _named(where):
+        return to_local(ring, epsg, georeference)
 
 
 def require_local(points: Float64Array, where: str) -> Float64Array:
@@ -47,9 +52,24 @@ def require_local(points: Float64Array, where: str) -> Float64Array:
     return points
 
 
-def map_points(points: Float64Array, epsg: int | None, given: MapHeights, georeference: Georeference) -> Float64Array:
-    """Return local points (point, 3) in the system `epsg`; None: they stay local."""
-    return points if epsg is None else from_local(points, epsg, georeference, heights_of(given))
+def map_points(
+    points: Float64Array, epsg: int | None, given: MapHeights, georeference: Georeference, where: str
+) -> Float64Array:
+    """Return local points (point, 3) in the system `epsg`; None: they stay local. Raises as `local_points`."""
+    if epsg is None:
+        return points
+    with _named(where):
+        return from_local(points, epsg, georeference, heights_of(given))
+
+
+@contextmanager
+def _named(where: str) -> Iterator[None]:
+    """Let an error of coordinates say which file or key they stand in."""
+    try:
+        yield
+    except SlideframeError as error:
+        error.where = error.where or where
+        raise
 
 
 def heights_of(given: MapHeights) -> Heights:

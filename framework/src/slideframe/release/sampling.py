@@ -41,7 +41,7 @@ def _sample(
 ) -> tuple[Float64Array, Float64Array]:
     """Return values (point,) and the points on the raster's map (point, 3)."""
     epsg = raster.epsg if given.epsg is None else given.epsg
-    on_map = map_points(points, epsg, given, georeference)
+    on_map = map_points(points, epsg, given, georeference, where)
     values = raster.sample(on_map[:, 0], on_map[:, 1])
     _require_cover(raster, values, on_map, epsg, where)
     return values, on_map

@@ -63,17 +63,30 @@ def room_of(region: MeshRegion, georeference: Georeference) -> Solid:
     """Return the room that a closed mesh encloses.
 
     Raises:
-        ConfigurationError: it isn't closed, or encloses nothing.
+        ConfigurationError: it isn't closed, or encloses nothing, or its coordinates can't be what they are said to be.
         InputError, MissingDependency: the file can't be read.
     """
     where = str(region.path)
     vertices, triangles = read_mesh(region.path)
-    vertices = local_points(vertices, region, georeference, where)
+    return closed_room(local_points(vertices, region, georeference, where), triangles, where)
+
+
+def closed_room(vertices: Float64Array, triangles: Int32Array, where: str) -> Solid:
+    """Return the room that triangles (triangle, 3) on vertices (vertex, 3) enclose, m.
+
+    What several bodies enclose together counts once, and so does a triangle that is there twice.
+
+    Raises:
+        ConfigurationError: they leave a gap, meet at an edge by more than two, or enclose nothing.
+    """
     cure = "make it watertight, all triangles counter-clockwise seen from outside"
+    once = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)[1]
+    triangles = triangles[np.sort(once)]
     if len(rim := rim_edges(triangles)):
         x, y, z = vertices[rim[0]].mean(axis=0)
+        edges = "1 edge has" if len(rim) == 1 else f"{len(rim)} edges have"
         raise ConfigurationError(
-            f"the mesh of the region isn't closed: {len(rim)} edges have a triangle on one side only, the first "
+            f"the mesh of the region isn't closed: {edges} a triangle on one side only, the first "
             f"near ({x:.2f}, {y:.2f}, {z:.2f})",
             where=where,
             cure=cure,
@@ -88,7 +101,7 @@ def room_of(region: MeshRegion, georeference: Georeference) -> Solid:
         ) from error
     if solid.is_empty or solid.volume <= 0:
         raise ConfigurationError("the mesh of the region encloses nothing", where=where, cure=cure)
-    return solid
+    return solid.united()
 
 
 def excavate(soil: Solid, room: Solid) -> Excavation:

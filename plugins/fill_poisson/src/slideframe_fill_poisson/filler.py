@@ -9,6 +9,7 @@ from pydantic import Field
 from slideframe.arrays import Float32Array, Float64Array, UInt8Array
 from slideframe.device import Device
 from slideframe.errors import StageFailed
+from slideframe.formats.meshes import read_mesh
 from slideframe.problem import FillingProblem, MeshRegion, ProblemModel, Share
 from slideframe.products import Filling, Georeference, SplatCloud, Survey
 from slideframe.release.coverage import read_region_files
@@ -18,7 +19,7 @@ from slideframe.release.slip_surface import release_grid
 from slideframe.stages import Context, VolumeFiller
 from slideframe_fill_poisson.appearance import SoilColors
 from slideframe_fill_poisson.coupling import STAYS, Standing, carriers
-from slideframe_fill_poisson.excavation import excavate, ground_of, room_above, room_of, soil_body
+from slideframe_fill_poisson.excavation import closed_room, excavate, ground_of, room_above, room_of, soil_body
 from slideframe_fill_poisson.interior import Mode, interior_splats
 from slideframe_fill_poisson.lattice import Lattice
 from slideframe_fill_poisson.photographed import photographed_colors
@@ -125,6 +126,8 @@ class PoissonFiller(VolumeFiller):
         """Read the region's files, so that a fault in them is told before anything is computed."""
         if isinstance(problem, FillingProblem):
             read_region_files(problem.region)
+            if isinstance(problem.region, MeshRegion):
+                closed_room(*read_mesh(problem.region.path), str(problem.region.path))
 
     def fill(self, survey: Survey, splats: SplatCloud, problem: FillingProblem, context: Context) -> Filling:
         """Return the soil of the region, one particle to a lattice cell, what rides on it, and what stays."""

@@ -62,6 +62,15 @@ class Solid:
         """Return what lies in this body and not in the other."""
         return Solid(self._manifold - other._manifold, self._origin_of | other._origin_of)
 
+    def united(self) -> "Solid":
+        """Return the body with its separate parts united, should they overlap; hollow bodies stay as they are."""
+        import manifold3d
+
+        parts = self._manifold.decompose()
+        if len(parts) < 2 or min(part.volume() for part in parts) < 0:
+            return self
+        return Solid(manifold3d.Manifold.batch_boolean(parts, manifold3d.OpType.Add), self._origin_of)
+
     def plan_area(self) -> float:
         """Return the area of the body's shadow from straight above, m2."""
         return float(self._manifold.project().area())
