@@ -103,6 +103,6 @@ def elastic_energy(motion: Motion) -> Float64Array:
 
 CASES = (
     Case("budgets of a flying block", budgets, fast=True),
-    Case("free spin", spin, fast=True),
+    Case("free spin", spin),
     Case("energy of a collapse", friction, fast=True),
 )

@@ -98,7 +98,7 @@ def long_slide(rig: Rig) -> Iterator[Line]:
 
 CASES = (
     Case("block on a frictional incline", coulomb_blocks, fast=True),
-    Case("block on a frictionless incline", frictionless_block, fast=True),
-    Case("block that sticks on an incline", sticking_block, fast=True),
+    Case("block on a frictionless incline", frictionless_block),
+    Case("block that sticks on an incline", sticking_block),
     Case("long slide", long_slide),
 )

@@ -1,4 +1,7 @@
-"""Every case, in the order of the card."""
+"""Every case, in the order of the card.
+
+Those in float64 come first, since Taichi compiles anew whenever the precision changes.
+"""
 
 from collections.abc import Iterator
 
@@ -9,7 +12,9 @@ from slideframe.verification import (
     contact,
     elastic,
     elements,
+    ground_slopes,
     hold,
+    incline_collapse,
     invariance,
     slopes,
     terrain,
@@ -20,14 +25,16 @@ from slideframe.verification.case import Case
 CASES: tuple[Case, ...] = (
     *elastic.CASES,
     *vibration.CASES,
-    *hold.CASES,
     *elements.CASES,
+    *invariance.CASES,
+    *hold.CASES,
     *conservation.CASES,
     *contact.CASES,
     *terrain.CASES,
-    *invariance.CASES,
     *slopes.CASES,
+    *ground_slopes.CASES,
     *collapse.CASES,
+    *incline_collapse.CASES,
     *aluminium_bars.CASES,
 )
 

@@ -18,7 +18,8 @@ AMPLITUDE = 1e-3
 # with nu = 0 the cross-section stays as it is, and the bar is one-dimensional
 MATERIAL = Elastic(density=1000, youngs_modulus=1e6, poisson_ratio=0.0)
 PERIOD = 2 * LENGTH / MATERIAL.pressure_wave_speed
-PERIODS = 2
+# until the second time that all energy is kinetic
+PERIODS = 1.5
 FRAMES_PER_PERIOD = 80
 CELLS = (8, 16, 32)
 
