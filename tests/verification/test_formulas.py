@@ -5,7 +5,7 @@ import math
 import pytest
 
 from slideframe.problem import Sand
-from slideframe.verification import formulas
+from slideframe.verification import formulas, incline_collapse
 
 PAPER = Sand(friction_angle=22, density=2000, youngs_modulus=5e7, poisson_ratio=0.3)
 
@@ -72,6 +72,18 @@ def test_triaxial_strength(cohesion, friction_angle, confinement, strength):
 
 def test_extension_strength():
     assert formulas.extension_strength(0, 30, 100) == pytest.approx(33.333, abs=1e-3)
+
+
+def test_the_cone_of_matters_collapse_is_the_plane_strain_cone_of_its_angle():
+    angle = incline_collapse.plane_strain_angle(30.0)
+    assert angle == pytest.approx(35.264, abs=1e-3)
+    sand = Sand(
+        **PAPER.model_dump(exclude={"friction_angle", "friction_match"}),
+        friction_angle=angle,
+        friction_match="plane_strain",
+    )
+    # sqrt(J2) = 3 a p in terms of the mean stress
+    assert 3 * sand.cone_friction == pytest.approx(math.tan(math.radians(30.0)))
 
 
 def test_column_run_out_is_continuous():

@@ -1,4 +1,4 @@
-"""Collapse of a block on an incline, computed by another code: Matter (Blatny, 2024, its test CollapseTest.DruckerPrager).
+"""Collapse of a block on an incline against another code: Matter (Blatny 2024, its test CollapseTest.DruckerPragerOne).
 
 That code's cone is sqrt(J2) = tan(30) p, whatever it calls 30 degrees. In plane strain without dilatancy a cone of
 slope a carries the shear stress of sin(phi) = 3 a, so that it acts as a friction angle of asin(tan 30) = 35.26 degrees.
