@@ -41,6 +41,17 @@ def random_gradients(seed, scale):
     return gradients, corrections
 
 
+def degenerate_gradients(scale):
+    """Gradients with two or three equal principal stretches, along the axes and turned: eigenvectors are anybody's."""
+    random = np.random.default_rng(17)
+    pairs = np.exp(scale * random.uniform(-1, 1, (60, 2)))
+    stretches = np.concatenate([pairs[:, [0, 0, 1]], pairs[:, [0, 1, 0]], np.repeat(pairs[:, :1], 3, axis=1)])
+    plain = stretches[:, :, None] * np.eye(3)
+    turned = np.array([random_rotation(random) for _ in plain]) @ plain
+    gradients = np.concatenate([plain, turned])
+    return gradients, np.where(random.random(len(gradients)) < 0.5, 0, 0.1 * scale)
+
+
 @contextmanager
 def warp_law(precision):
     """Give Warp's return mapping of arrays of states and corrections, compiled once."""
@@ -141,6 +152,8 @@ def assert_law_equals_the_reference(law, precision, material, soil):
     scales = (1e-6, 1e-4, 1e-2, 0.05, 0.3, 1.0)
     batches = [random_gradients(seed, scale) for seed, scale in enumerate(scales)]
     # of the strain itself: an absolute bound would let all small strain be lost
+    scales += (1e-5, 1e-3, 0.1)
+    batches += [degenerate_gradients(scale) for scale in scales[-3:]]
     size = np.concatenate([np.full(len(part), scale) for scale, (part, _) in zip(scales, batches, strict=True)])
     gradients, corrections = (np.concatenate(parts) for parts in zip(*batches, strict=True))
     mapped, remaining, sheared = return_mapping(gradients, corrections, soil)
