@@ -2,7 +2,7 @@
 
     python benchmarks/survey.py [--counts 32,200,1000] [--metadata-only]
 
-A survey is a nadir flight over flat noise, 480 x 360 px pictures with 75 and 65 % overlap, whose headers are as long as
+A survey is a nadir flight over flat noise, 320 x 240 px pictures with 75 and 65 % overlap, whose headers are as long as
 a real drone's (a MakerNote of 40 kB). Each survey runs in a process of its own, whose peak memory is stated beside that
 of the same process with the backends imported and no survey. Steps that happen inside others are set off with a dot.
 CPU time, which other work on the machine changes least; wall time of the whole stands below. See cameras.py for the
@@ -26,9 +26,9 @@ from PIL import ExifTags, Image
 from slideframe.geodesy import geodetic_from_enu
 from slideframe.products import Georeference
 
-WIDTH, HEIGHT, FOCAL_LENGTH = 480, 360, 400.0
+WIDTH, HEIGHT, FOCAL_LENGTH = 320, 240, 266.7
 GROUND_PIXEL = 0.05  # m
-STEP_NORTH, STEP_EAST = 90, 168  # px on the ground
+STEP_NORTH, STEP_EAST = 60, 112  # px on the ground
 ORIGIN = Georeference(latitude=22.3, longitude=114.2, ellipsoidal_height=100.0)
 MAKER_NOTE = 40_000  # bytes
 # What is timed: module, function, and how it's called in the table.

@@ -306,7 +306,7 @@ def test_strips_to_and_fro_tell_the_principal_point_though_not_the_focal_length(
     move_principal_point(known, offset)
     survey, context = run(known)
     assert context.figures["focal_length_rule"].startswith("held: only 0% of the views are oblique")
-    assert context.figures["principal_point_rule"] == "free: views turned against one another determine it to 0.0 px"
+    assert context.figures["principal_point_rule"].startswith("free: views turned and tilted against one another")
     camera = survey.cameras[0]
     assert camera.focal_x == pytest.approx(FOCAL, abs=0.01), "EXIF's"
     np.testing.assert_allclose([camera.principal_x, camera.principal_y], np.array(SIZE) / 2 + offset, atol=1.0)
@@ -322,9 +322,50 @@ def test_one_heading_leaves_the_principal_point_open(run) -> None:
     straight_down(known, 90.0 + known.random.normal(0, 1.0, known.count))
     survey, context = run(known)
     rule = context.figures["principal_point_rule"]
-    assert rule.startswith("held: the positions of views turned alike leave it open to ")
+    assert rule == "held: views of such directions and positions leave it open to 9 px"
     assert survey.cameras[0].principal_x == SIZE[0] / 2
     assert known.centre_error(survey).max() < CENTRE
+
+
+def test_one_pitch_leaves_the_lens_open(run) -> None:
+    """Oblique views alone, all 45 degrees down, of a calibrated camera: pitch and lens can't be told apart."""
+    known = KnownSurvey()
+    known.angles[:, 0], known.angles[:, 1] = np.where(np.arange(known.count) // 5 % 2, 0.0, 180.0), -45.0
+    known.truth[:, :, :3] = [world_from_camera(*angles) for angles in known.angles]
+    known.stated_angles = known.angles + known.random.normal(0, GIMBAL_NOISE, known.angles.shape)
+    known.sightings = [known._sighted(pose) for pose in known.truth]
+    calibration = f" 2025-01-01;{FOCAL},{FOCAL},0,0,0,0,0,0,0"
+    known.values = {index: {"DewarpData": calibration} for index in range(known.count)}
+    survey, context = run(known)
+    assert context.figures["focal_length_rule"] == "held: views of such directions and positions leave it open to 0.9%"
+    assert (
+        context.figures["principal_point_rule"] == "held: views of such directions and positions leave it open to 5 px"
+    )
+    assert known.centre_error(survey).max() < CENTRE
+    assert np.median(known.angle_error(survey)) < 2 * ANGLE
+
+
+def test_positions_of_some_metres_leave_the_tilt_to_the_gimbal(run) -> None:
+    """Without RTK, straight down: positions alone tilt the survey by 12 degrees, the gimbal knows it to one."""
+    known = KnownSurvey()
+    straight_down(known, known.angles[:, 0].copy())
+    known.stated_positions = known.positions + known.random.normal(0, [5.0, 5.0, 8.0], (known.count, 3))
+    none = {"RtkFlag": "", "AltitudeType": "GpsFusionAlt", "RtkStdLon": "", "RtkStdLat": "", "RtkStdHgt": ""}
+    known.values = dict.fromkeys(range(known.count), none)
+    survey, context = run(known)
+    up = survey.world_from_camera[:, 2, 2]
+    assert np.degrees(np.arccos(-up)).max() < 2.0
+    assert any("levelled by its gimbal angles" in text for text in context.warnings)
+    assert context.figures["focal_length_rule"].startswith("held"), "noise of heights isn't several flying heights"
+    assert str(appraise(survey).verdict).startswith("fly again")
+
+
+def test_a_single_strip_is_levelled_by_the_gimbal(run) -> None:
+    """Three positions on one line leave the turn about it open: 25 degrees."""
+    known = KnownSurvey(count=3)
+    survey, context = run(known)
+    assert known.angle_error(survey).max() < 2.0
+    assert any("levelled by its gimbal angles" in text for text in context.warnings)
 
 
 def unmatched(known: KnownSurvey, index: int) -> None:

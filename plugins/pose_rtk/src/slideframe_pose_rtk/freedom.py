@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from slideframe_pose_rtk.flight import Flight
+from slideframe_pose_rtk.intrinsics import Calibration
 from slideframe_pose_rtk.lens import adjustable_lens, exact_lens, pinhole_lens
+from slideframe_pose_rtk.network import LensSigma, lens_sigma
 from slideframe_pose_rtk.pairs import ground_height
 
 if TYPE_CHECKING:
@@ -19,10 +21,16 @@ OBLIQUE_ANGLE = 15.0  # degrees off nadir
 OBLIQUE_SHARE = 0.25
 HEIGHT_SPREAD = 0.2  # of the flying height
 ENOUGH_CONTROL = 3  # control points
-# A false principal point moves every centre across its view by H / f. Positions tell that from their noise, and from a
-# shift of all the ground, only where views are turned against one another: strips flown to and fro.
-PRINCIPAL_POINT_SIGMA = 0.5  # px; about what a view's own points leave open
 LEAST_FOR_CALIBRATION = 8  # photographs of one camera; fewer leave its distortion to chance
+# Optical centres lie within some percent of the width from the middle; what a flight determines ten times better is
+# worth more than what the factory states.
+PRINCIPAL_POINT_SHARE = 0.002  # of the width
+# The focal length is known to some parts in a thousand where it was measured, to some percent where it wasn't.
+FOCAL_LENGTH_SHARES: dict[Calibration, float] = {"user": 0.005, "measured": 0.005, "design": 0.01, "nominal": 0.03}
+# m; worse heights would pass for several flying heights, where the barometer's don't
+LARGEST_HEIGHT_SIGMA = 0.5
+NOISE_SPREAD = 2 * 2.56  # between those percentiles of normal noise, twice over
+OUTERMOST = (10.0, 90.0)  # percentiles: heights that one in ten photographs has
 
 
 @dataclass(frozen=True)
@@ -50,16 +58,16 @@ HELD = Freedom(
 def choose_freedom(flight: Flight, focal_length: FocalLength, control_count: int = 0) -> Freedom:
     """Free focal length and principal point only where the flight determines each, unless the user decides."""
     free, rule = (focal_length == "free", "as asked for")
-    if focal_length == "auto":
-        free, rule = _focal_length_rule(flight, control_count)
     centre_free, centre_rule = free, rule
     counts = np.bincount(flight.camera_of, minlength=len(flight.cameras))
     held = frozenset(int(camera) for camera in np.flatnonzero(counts < LEAST_FOR_CALIBRATION))
     if len(held) == len(flight.cameras):
         free = centre_free = False
         rule = centre_rule = f"no camera took {LEAST_FOR_CALIBRATION} photographs"
-    elif focal_length == "auto" and not free:
-        centre_free, centre_rule = _principal_point_rule(flight, held)
+    elif focal_length == "auto":
+        sigmas = {camera: lens_sigma(flight, camera) for camera in range(len(flight.cameras)) if camera not in held}
+        free, rule = _focal_length_rule(flight, control_count, sigmas)
+        centre_free, centre_rule = _principal_point_rule(flight, sigmas)
     return Freedom(
         focal_length=free,
         principal_point=centre_free,
@@ -84,42 +92,31 @@ def lenses_of(flight: Flight, freedom: Freedom) -> "list[pycolmap.Camera]":
     return lenses
 
 
-def _focal_length_rule(flight: Flight, control_count: int) -> tuple[bool, str]:
+def _focal_length_rule(flight: Flight, control_count: int, sigmas: dict[int, LensSigma]) -> tuple[bool, str]:
     """Tell whether something determines the focal length, and how that was seen."""
     oblique, spread = _oblique_share(flight), _height_spread(flight)
-    if oblique >= OBLIQUE_SHARE:
-        return True, f"{oblique:.0%} of the views are oblique"
-    if spread >= HEIGHT_SPREAD:
-        return True, f"flying heights differ by {spread:.0%}"
     if control_count >= ENOUGH_CONTROL:
         return True, f"{control_count} control points determine it"
-    return False, f"only {oblique:.0%} of the views are oblique and heights differ by {spread:.0%}: any value would fit"
+    if oblique < OBLIQUE_SHARE and spread < HEIGHT_SPREAD:
+        return (
+            False,
+            f"only {oblique:.0%} of the views are oblique and heights differ by {spread:.0%}: any value would fit",
+        )
+    for camera, sigma in sigmas.items():
+        if sigma.focal_length > FOCAL_LENGTH_SHARES[flight.calibrations[camera]]:
+            return False, f"views of such directions and positions leave it open to {sigma.focal_length:.1%}"
+    if oblique >= OBLIQUE_SHARE:
+        return True, f"{oblique:.0%} of the views are oblique"
+    return True, f"flying heights differ by {spread:.0%}"
 
 
-def _principal_point_rule(flight: Flight, held: frozenset[int]) -> tuple[bool, str]:
-    """Tell whether the positions determine where the lenses' axes meet the pictures."""
-    sigma = max(_principal_point_sigma(flight, camera) for camera in range(len(flight.cameras)) if camera not in held)
-    if sigma <= PRINCIPAL_POINT_SIGMA:
-        return True, f"views turned against one another determine it to {sigma:.1f} px"
-    return False, "the positions of views turned alike" + (
-        " leave it open" if not np.isfinite(sigma) else f" leave it open to {sigma:.0f} px"
-    )
-
-
-def _principal_point_sigma(flight: Flight, camera: int) -> float:
-    """Return how well the positions determine a camera's principal point, px.
-
-    An offset d moves centre i by d H / f, turned by its heading a_i. The ground follows what is common to all, so
-    that sum |exp(i a) - mean|^2 = n (1 - R^2) remains of n equations, each of deviation sigma f / H.
-    """
-    chosen = np.flatnonzero((np.array(flight.camera_of) == camera) & flight.oriented)
-    if not len(chosen):
-        return np.inf
-    across = flight.rotations[chosen][:, :2, 0]  # the pictures' rows, on the ground
-    remaining = float((across**2).sum() - (across.sum(axis=0) ** 2).sum() / len(chosen))
-    height = float(np.median(flight.positions[chosen, 2])) - ground_height(flight)
-    pixels = flight.position_sigma[chosen, :2].mean() * flight.cameras[camera].focal_x / height
-    return float(pixels / np.sqrt(max(remaining, 1e-12)))
+def _principal_point_rule(flight: Flight, sigmas: dict[int, LensSigma]) -> tuple[bool, str]:
+    """Tell whether the flight determines where the lenses' axes meet the pictures."""
+    worst = max(sigmas, key=lambda camera: sigmas[camera].principal_point / flight.cameras[camera].width)
+    pixels = sigmas[worst].principal_point
+    if pixels <= PRINCIPAL_POINT_SHARE * flight.cameras[worst].width:
+        return True, f"views turned and tilted against one another determine it to {pixels:.1f} px"
+    return False, f"views of such directions and positions leave it open to {pixels:.0f} px"
 
 
 def _oblique_share(flight: Flight) -> float:
@@ -128,5 +125,14 @@ def _oblique_share(flight: Flight) -> float:
 
 
 def _height_spread(flight: Flight) -> float:
-    heights = flight.positions[:, 2] - ground_height(flight)
-    return float(np.ptp(heights) / np.median(heights))
+    """Return how much flying heights differ, by their median: as positions tell it, or the barometer where it's better.
+
+    What the positions' noise makes of one height is taken off.
+    """
+    above = flight.positions[:, 2] - ground_height(flight)
+    sigma = float(np.median(flight.position_sigma[:, 2]))
+    relative = [record.height_above_takeoff for record in flight.records]
+    if sigma > LARGEST_HEIGHT_SIGMA and None not in relative and min(map(float, relative)) > 0:  # type: ignore[arg-type]
+        above, sigma = np.array(relative, np.float64), 0.0
+    low, high = np.percentile(above, OUTERMOST)
+    return max(0.0, float(high - low) - NOISE_SPREAD * sigma) / float(np.median(above))

@@ -61,7 +61,7 @@ def shared_view(flight: Flight) -> Float64Array:
     lenses = _lenses(flight)
     score = np.zeros((count, count))
     for index in np.flatnonzero(flight.oriented):
-        ground = _footprint(flight, int(index), height)
+        ground = footprint(flight, int(index), height, SAMPLES)
         if len(ground):
             score[index] = _seen_share(flight, lenses, ground) * np.maximum(0.0, axes @ axes[index])
     score[:, ~flight.oriented] = 0.0
@@ -78,11 +78,11 @@ def ground_height(flight: Flight) -> float:
     return float(min(np.median(heights), flight.positions[:, 2].min() - LEAST_HEIGHT))
 
 
-def _footprint(flight: Flight, index: int, height: float) -> Float64Array:
-    """Return (point, 3), m, where rays through a grid of pixels meet the ground nearby."""
+def footprint(flight: Flight, index: int, height: float, samples: int) -> Float64Array:
+    """Return (point, 3), m, where rays through a grid of pixels, so many a side, meet level ground nearby."""
     camera, position = flight.cameras[flight.camera_of[index]], flight.positions[index]
-    columns = (np.arange(SAMPLES) + 0.5) / SAMPLES * camera.width - camera.principal_x
-    rows = (np.arange(SAMPLES) + 0.5) / SAMPLES * camera.height - camera.principal_y
+    columns = (np.arange(samples) + 0.5) / samples * camera.width - camera.principal_x
+    rows = (np.arange(samples) + 0.5) / samples * camera.height - camera.principal_y
     x, y = np.meshgrid(columns / camera.focal_x, rows / camera.focal_y)
     rays = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)]) @ flight.rotations[index].T
     above = position[2] - height

@@ -24,6 +24,7 @@ from slideframe_pose_rtk.flight import Flight, Poses
 from slideframe_pose_rtk.freedom import HELD, Freedom
 from slideframe_pose_rtk.intake import require_enough
 from slideframe_pose_rtk.lens import camera_from_lens
+from slideframe_pose_rtk.levelling import levelling
 from slideframe_pose_rtk.naming import names
 from slideframe_pose_rtk.placing import poses_from_metadata
 from slideframe_pose_rtk.resection import resect
@@ -122,6 +123,9 @@ def solve_by_refinement(found: Correspondences) -> Solution:
         _adjust(found, reconstruction, HELD if number == 0 else found.freedom, accepted, fixed)
         if number == len(rounds) - 1:
             trust = _settle(found, reconstruction, accepted, fixed)
+            level = None if fixed else levelling(flight, poses_of(reconstruction), trust, context)
+            if level is not None:
+                reconstruction.transform(level)
         poses = poses_of(reconstruction)
         if number == 0:
             seen = compare(found.targets, poses, flight.cameras, dict(enumerate(flight.camera_of)))
