@@ -75,6 +75,9 @@ def test_splats_of_a_frame_are_where_the_ground_took_them(run):
 def test_a_sequence_is_numbered_and_keeps_one_order(run):
     folder = export(run, "--what", "sequence", "--every", "2")
     assert sorted(path.name for path in folder.glob("*.ply")) == ["splats-000000.ply", "splats-000002.ply"]
+    export(run, "--frame", "1")  # one more: the times of those that are there stay
+    times = json.loads((folder / "sequence.json").read_text())["seconds"]
+    assert times == {f"splats-{index:06d}.ply": pytest.approx(0.1 * index) for index in range(3)}
     first, last = (read_splat_ply(folder / f"splats-{index:06d}.ply") for index in (0, 2))
     assert len(first) == len(last)
     np.testing.assert_allclose(first.centers[: len(run.splats)], run.splats.centers, atol=FILE_ROUNDING)

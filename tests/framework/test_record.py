@@ -129,6 +129,17 @@ def test_the_film_is_a_video_with_a_frame_at_each_picture_s_time(tmp_path):
     assert entities_of(tmp_path / "film.rrd")["/film"] == 5 + 1
 
 
+def test_without_its_encoder_the_film_is_pictures_and_it_is_said(tmp_path, monkeypatch):
+    monkeypatch.setattr(pytest.importorskip("av"), "codecs_available", set())
+    recording = Recording(tmp_path / "film.rrd", "test")
+    film = [Picture(time=0.1 * i, pixels=np.full((48, 64, 3), 30 * i, np.uint8)) for i in range(3)]
+    (left_out,) = log_film(recording.stream, film, 10.0)
+    assert "JPEG" in left_out
+    assert "libsvtav1" in left_out
+    recording.close()
+    assert entities_of(tmp_path / "film.rrd")["/film"] == 3
+
+
 def test_splats_are_thinned_before_frames():
     drawn = Drawn.within(900_000, 500_000, 100, 400_000_000)
     assert len(drawn.splats) == 300_000

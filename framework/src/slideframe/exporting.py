@@ -47,8 +47,9 @@ class Exporter:
             paths.append(path)
             times[path.name] = frame.time
             progress(done + 1, len(frames))
+        times = self._earlier_times() | times
         with self._whole(self.folder / SEQUENCE) as partial:
-            partial.write_text(json.dumps({"seconds": times}, indent=1), encoding="utf-8")
+            partial.write_text(json.dumps({"seconds": dict(sorted(times.items()))}, indent=1), encoding="utf-8")
         return [*paths, self.folder / SEQUENCE, self._georeference()]
 
     def cameras(self) -> list[Path]:
@@ -103,6 +104,13 @@ class Exporter:
             self.folder.mkdir(parents=True, exist_ok=True)
         write_mp4(pictures(), path, self.run.config.simulation.frame_rate, codec)
         return [path]
+
+    def _earlier_times(self) -> dict[str, float]:
+        """Return the times, s, of the frames that an earlier export left in the folder, by file name."""
+        with suppress(OSError, ValueError, KeyError):
+            seconds = json.loads((self.folder / SEQUENCE).read_text(encoding="utf-8"))["seconds"]
+            return {name: time for name, time in seconds.items() if (self.folder / name).is_file()}
+        return {}
 
     def _views(self, views: Sequence[PosedCamera], name: str) -> list[Path]:
         folder = self.folder / name

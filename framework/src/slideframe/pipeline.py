@@ -90,10 +90,10 @@ def require_view_of_survey(survey: Survey, view: View) -> None:
     shot = view.shot(survey, np.stack([low, high]))
     for share in np.linspace(0, 1, LOOKS_ON_THE_WAY):
         camera, pose = shot(float(share))
-        x, y, z = ((points - pose[:, 3]) @ pose[:, :3]).T
-        ahead = np.maximum(z, np.finfo(float).tiny)
-        u, v = camera.focal_x * x / ahead + camera.principal_x, camera.focal_y * y / ahead + camera.principal_y
-        if not ((z > 0) & (u > 0) & (u < camera.width) & (v > 0) & (v < camera.height)).any():
+        local = (points - pose[:, 3]) @ pose[:, :3]
+        x, y, z = local[local[:, 2] > 0].T
+        u, v = camera.focal_x * x / z + camera.principal_x, camera.focal_y * y / z + camera.principal_y
+        if not ((u > 0) & (u < camera.width) & (v > 0) & (v < camera.height)).any():
             place = ", ".join(f"{number:.1f}" for number in pose[:, 3])
             raise ConfigurationError(
                 f"the camera sees nothing of the survey when {share:.0%} of the film has passed, from ({place}) m",

@@ -68,11 +68,11 @@ def test_a_full_disk_in_the_middle_is_an_error_that_leaves_nothing(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_an_encoder_that_is_missing_is_said_before_anything_is_computed(monkeypatch):
+def test_an_encoder_that_is_missing_is_said_before_anything_is_computed(monkeypatch, tmp_path):
     video.require_encoder("h264", "av1")
     monkeypatch.setattr(av, "codecs_available", {"mpeg4"})
     with pytest.raises(MissingDependency, match=r"libsvtav1(.|\n)*wheel"):
         video.require_encoder("av1")
     monkeypatch.setattr(video, "find_spec", lambda name: None)
     with pytest.raises(MissingDependency, match=r"PyAV(.|\n)*--no-film"):
-        video.require_encoder("h264")
+        video.write_mp4(iter(pictures()), tmp_path / "film.mp4", 20.0)

@@ -53,8 +53,10 @@ def write_mp4(pictures: Iterable[UInt8Array], path: Path, frame_rate: float, cod
     The file appears when it is whole; of one that can't be written nothing stays.
 
     Raises:
+        MissingDependency: there is no encoder.
         StoreError: the file can't be written.
     """
+    require_encoder(codec)
     partial = path.with_name(path.name + ".partial")
     try:
         with storing(path):

@@ -1,12 +1,12 @@
 """The film beside the moving splats."""
 
 from collections.abc import Sequence
-from importlib.util import find_spec
 
 import numpy as np
 import rerun as rr
 
-from slideframe.formats.video import encode_av1
+from slideframe.errors import MissingDependency
+from slideframe.formats.video import encode_av1, require_encoder
 from slideframe.products import Picture
 from slideframe.record.drawing import jpeg
 
@@ -17,11 +17,13 @@ def log_film(stream: rr.RecordingStream, film: Sequence[Picture], frame_rate: fl
     Returns:
         What is not as it could be, one phrase each.
     """
-    if not find_spec("av"):
+    try:
+        require_encoder("av1")
+    except MissingDependency as absent:
         for picture in film:
             stream.set_time("sim_time", duration=picture.time)
             stream.log("film", rr.EncodedImage(contents=jpeg(picture.pixels), media_type="image/jpeg"))
-        return ["the film is kept as JPEG pictures, several times larger than a video, because PyAV is not installed"]
+        return [f"the film is kept as JPEG pictures, several times larger than a video: {absent.what}"]
     video = rr.AssetVideo(contents=encode_av1((picture.pixels for picture in film), frame_rate), media_type="video/mp4")
     stream.log("film", video, static=True)
     moments = video.read_frame_timestamps_nanos()
