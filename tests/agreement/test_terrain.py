@@ -7,47 +7,19 @@ import pytest
 
 from slideframe.problem import Boundary, ColliderMesh, Simulation, SimulationProblem, Wall
 from slideframe.problem.material import Elastic
-from slideframe.testing.solver_scenes import filling_of
-from slideframe.verification.terrain import slab
+from slideframe.verification.terrain import SPACING, axes, slab
+from slideframe.verification.terrain import incline as block_on_plane
 
 # The block starts free of stress and settles into the cells that the surface cuts while it slides.
 ACCELERATION_TOLERANCE = 0.03
 CREEP_TOLERANCE_M = 5e-4
 MU_22 = math.tan(math.radians(22.0))
-SPACING = 0.25
-
-
-def turn(slope, heading):
-    """Return the axes of a plane that falls by `slope` towards `heading`, degrees: downhill, across, out of it."""
-    a, b = math.radians(slope), math.radians(heading)
-    downhill = np.array([math.cos(a) * math.cos(b), math.cos(a) * math.sin(b), -math.sin(a)])
-    across = np.array([-math.sin(b), math.cos(b), 0.0])
-    return np.stack([downhill, across, np.cross(downhill, across)])
 
 
 def incline(slope, heading, wall, *, duration=0.6, frame_rate=10.0, gravity=9.81):
-    """A block of 2 x 1 x 0.5 m on a plane 12 m long."""
-    axes = turn(slope, heading)
-    step = SPACING / 2
-    block = np.stack(
-        np.meshgrid(
-            np.arange(-1 + step / 2, 1, step),
-            np.arange(-0.5 + step / 2, 0.5, step),
-            np.arange(step / 2, 0.5, step),
-            indexing="ij",
-        ),
-        axis=-1,
-    ).reshape(-1, 3)
-    corners = np.array([[-2.5, -2.5, 0], [6, -2.5, 0], [6, 2.5, 0], [-2.5, 2.5, 0]]) @ axes
-    positions = (block @ axes).astype(np.float32)
-    low, high = corners.min(axis=0) - 0.5, corners.max(axis=0) + 1.5
-    filling = filling_of(positions, step**3).model_copy(
-        update={
-            "bounds": np.array([low, high]),
-            "terrain_vertices": corners.astype(np.float32),
-            "terrain_triangles": np.int32([[0, 1, 2], [0, 2, 3]]),
-        }
-    )
+    """A block of 2 x 1 x 0.5 m on a plane of 8.5 m."""
+    filling, corners = block_on_plane(slope, heading)
+    ground = {"terrain_vertices": corners.astype(np.float32), "terrain_triangles": np.int32([[0, 1, 2], [0, 2, 3]])}
     problem = SimulationProblem(
         material=Elastic(density=2000, youngs_modulus=1e6, poisson_ratio=0.3),
         boundary=Boundary(sides=Wall(kind="open"), floor=Wall(kind="open"), terrain=wall),
@@ -59,7 +31,7 @@ def incline(slope, heading, wall, *, duration=0.6, frame_rate=10.0, gravity=9.81
             time_step="fixed",
         ),
     )
-    return axes, filling, problem
+    return axes(slope, heading), filling.model_copy(update=ground), problem
 
 
 def coulomb(friction):
@@ -72,11 +44,11 @@ def coulomb(friction):
     [(30, 0, 0.2, 3.205858), (35, 27, MU_22, 2.380078), (40, 45, MU_22, 3.269531), (30, 200, 0.2, 3.205858)],
 )
 def test_block_slides_as_coulomb_says_at_any_angle_of_the_grid(motion, solver, slope, heading, friction, expected):
-    axes, filling, problem = incline(slope, heading, coulomb(friction))
+    way, filling, problem = incline(slope, heading, coulomb(friction))
     frames = motion(solver, filling, problem)
-    downhill = [float((frame.velocities.astype(np.float64) @ axes[0]).mean()) for frame in frames]
+    downhill = [float((frame.velocities.astype(np.float64) @ way[0]).mean()) for frame in frames]
     assert (downhill[6] - downhill[2]) / 0.4 == pytest.approx(expected, rel=ACCELERATION_TOLERANCE)
-    across = np.abs((frames[-1].positions - frames[0].positions) @ axes[1]).mean()
+    across = np.abs((frames[-1].positions - frames[0].positions) @ way[1]).mean()
     assert across < 0.02 * 0.5 * expected * 0.6**2
     assert frames[-1].escaped == 0
 
@@ -84,9 +56,9 @@ def test_block_slides_as_coulomb_says_at_any_angle_of_the_grid(motion, solver, s
 @pytest.mark.parametrize("wall", [coulomb(0.2), Wall(), Wall(kind="stick")], ids=lambda wall: wall.kind)
 def test_a_body_from_a_file_acts_as_the_ground_does(motion, solver, tmp_path, wall):
     """The same plane, as scanned ground and as the top of a slab in an OBJ file."""
-    axes, filling, problem = incline(30, 27, wall, duration=0.1)
+    way, filling, problem = incline(30, 27, wall, duration=0.1)
     path = tmp_path / "slab.obj"
-    path.write_text(slab(filling.terrain_vertices.astype(np.float64), axes[2]))
+    path.write_text(slab(filling.terrain_vertices.astype(np.float64), way[2]))
     body = ColliderMesh(path=path, kind=wall.kind, friction_angle=wall.friction_angle)
     boundary = problem.boundary.model_copy(update={"terrain": Wall(kind="open"), "meshes": (body,)})
     on_ground = motion(solver, filling, problem)[-1]
@@ -97,17 +69,17 @@ def test_a_body_from_a_file_acts_as_the_ground_does(motion, solver, tmp_path, wa
 
 def test_slip_ground_takes_no_speed_along_it(motion, solver):
     """A collider that ends by zeroing the velocity, as PhysGaussian's does, moves the block by a sixth of this."""
-    axes, filling, problem = incline(30, 27, Wall(), duration=0.3)
+    way, filling, problem = incline(30, 27, Wall(), duration=0.3)
     frames = motion(solver, filling, problem)
-    travelled = float(((frames[-1].positions.astype(np.float64) - frames[0].positions) @ axes[0]).mean())
+    travelled = float(((frames[-1].positions.astype(np.float64) - frames[0].positions) @ way[0]).mean())
     assert travelled == pytest.approx(0.5 * 9.81 * 0.5 * 0.3**2, rel=0.02)
 
 
 def test_block_sticks_below_the_friction_angle(motion, solver):
-    axes, filling, problem = incline(20, 0, coulomb(math.tan(math.radians(24))), duration=1.2)
+    way, filling, problem = incline(20, 0, coulomb(math.tan(math.radians(24))), duration=1.2)
     frames = motion(solver, filling, problem)
     # it sinks, leans and slides a little until the ground carries it; then it stands
-    moved = [float(((frame.positions.astype(np.float64) - frames[0].positions) @ axes[0]).mean()) for frame in frames]
+    moved = [float(((frame.positions.astype(np.float64) - frames[0].positions) @ way[0]).mean()) for frame in frames]
     assert moved[12] < 0.04
     assert abs(moved[12] - moved[9]) <= CREEP_TOLERANCE_M
 

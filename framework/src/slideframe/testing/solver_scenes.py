@@ -6,7 +6,8 @@ import numpy as np
 
 from slideframe.arrays import Float32Array
 from slideframe.problem import Boundary, Sand, Simulation, SimulationProblem, Vector, Wall
-from slideframe.products import Filling, SplatCloud
+from slideframe.products import Filling
+from slideframe.verification.scenes import filling, lattice
 
 # Soft enough for large substeps, stiff enough to settle by less than a percent.
 YOUNGS_MODULUS = 1e6
@@ -55,27 +56,15 @@ def block_filling(
     low: Sequence[float], high: Sequence[float], *, size: tuple[float, float] = SIZE, particle_spacing: float = 0.125
 ) -> Filling:
     """Return a lattice of particles that fills the block from `low` to `high`, m, in a box of that plan `size`."""
-    axes = [
-        np.arange(start + particle_spacing / 2, end, particle_spacing) for start, end in zip(low, high, strict=True)
-    ]
-    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    return filling_of(lattice.astype(np.float32), particle_spacing**3, size=size)
+    counts = [round((end - start) / particle_spacing) for start, end in zip(low, high, strict=True)]
+    positions, volume = lattice(low, high, counts)
+    return filling_of(positions.astype(np.float32), volume, size=size)
 
 
 def filling_of(positions: Float32Array, particle_volume: float, *, size: tuple[float, float] = SIZE) -> Filling:
     """Return particles (n, 3), m, without splats or surface, in a box of plan `size` as high as they stand."""
     top = max(float(positions[:, 2].max(initial=0.0)), 1e-3)
-    return Filling(
-        bounds=np.array([[0, 0, 0], [*size, top]], np.float64),
-        particle_positions=positions,
-        particle_volumes=np.full(len(positions), particle_volume, np.float32),
-        interior=SplatCloud.empty(),
-        interior_particles=np.zeros(0, np.int32),
-        surface_particles=np.zeros(0, np.int32),
-        surface_vertices=np.zeros((0, 3), np.float32),
-        surface_triangles=np.zeros((0, 3), np.int32),
-        surface_support=np.zeros(0, np.uint8),
-    )
+    return filling(positions, particle_volume, ((0, 0, 0), (*size, top)))
 
 
 def on_level_ground(filling: Filling, height: float) -> Filling:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from slideframe.arrays import Float32Array, Float64Array
 from slideframe.products import Filling, SplatCloud
@@ -19,7 +20,7 @@ def lattice(low: Corner, high: Corner, counts: Sequence[int]) -> tuple[Float64Ar
 
 
 def filling(
-    positions: Float64Array, particle_volume: float, box: tuple[Corner, Corner], **more: Float32Array
+    positions: npt.NDArray[np.floating], particle_volume: float, box: tuple[Corner, Corner], **more: Float32Array
 ) -> Filling:
     """Return particles (n, 3), m, of equal volume without splats in a box given by its lowest and highest corner."""
     return Filling(
