@@ -2,10 +2,10 @@
 
     python benchmarks/run_out.py [--solver mpm_warp | mpm_taichi] [--particles N] [--sliding N]
 
-The box is 1000 m long, 500 m wide and 200 m high: thousands of millions of nodes, far over 100 GB. First a deposit of
-millions of particles lies along the whole kilometre, and is stepped: what a process that does so takes at its peak must
-be below 8 GB. Then a small block slides the kilometre on a floor without friction, and the nodes it needs are counted
-on its way.
+The box is 1000 m long, 500 m wide and 200 m high: thousands of millions of nodes, far over 100 GB. First a small block
+slides the kilometre on a floor without friction, and the nodes it needs are counted on its way. Then a deposit of
+millions of particles lies along the whole kilometre, and is stepped: what a process that does all this takes at its
+peak must be below 8 GB.
 """
 
 import argparse

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
-from slideframe.products import Filling, SplatCloud
+from slideframe.problem import Boundary, ColliderMesh
+from slideframe.products import Filling, Georeference, SplatCloud
 from slideframe.quality.surface import SurfaceComparison
-from slideframe.record import Recording, log_filling
+from slideframe.record import Recording, log_bodies, log_filling
 from slideframe.record.section import Profile, draw_section
 from slideframe.record.volume import SUPPORT_COLORS, slip_faces
 from slideframe.release.plan import Plan
+from slideframe.verification.terrain import slab
 
 PLAN = Plan((np.array([[-2.0, -2], [2, -2], [2, 2], [-2, 2]]),))
 
@@ -44,6 +46,22 @@ def filling():
         terrain_vertices=dug,
         terrain_triangles=triangles,
     )
+
+
+def test_bodies_from_files_are_shown_where_they_stand(tmp_path):
+    path = tmp_path / "slab.obj"
+    path.write_text(slab(np.array([[0.0, 0, 1], [2, 0, 1], [2, 3, 1], [0, 3, 1]]), np.array([0.0, 0, 1])))
+    logged = {}
+
+    class Stream:
+        def log(self, entity, mesh, static):
+            logged[entity] = mesh
+
+    origin = Georeference(latitude=22.0, longitude=114.0, ellipsoidal_height=0.0)
+    log_bodies(Stream(), Boundary(meshes=(ColliderMesh(path=path),)), origin)
+    corners = np.array(logged["boundary/0"].vertex_positions.as_arrow_array().to_pylist())
+    np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], [[0, 0, -0.5], [2, 3, 1]])
+    assert len(corners) == 36
 
 
 def test_slip_faces_are_those_that_are_not_scanned_ground(filling):

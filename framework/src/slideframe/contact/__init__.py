@@ -3,7 +3,7 @@
 The answer is independent of any backend: a list of normals, found by column of nodes.
 """
 
-from slideframe.contact.bodies import Body, require_at_site, require_sound_files
+from slideframe.contact.bodies import Body, bodies_of, require_at_site, require_sound_files
 from slideframe.contact.ground import ground_contact
 from slideframe.contact.mesh import TriangleMesh
 from slideframe.contact.nodes import ContactNodes, merge, solid_nodes
@@ -12,6 +12,7 @@ __all__ = [
     "Body",
     "ContactNodes",
     "TriangleMesh",
+    "bodies_of",
     "ground_contact",
     "merge",
     "require_at_site",

@@ -5,6 +5,7 @@ sorts splats per entity. What is drawn is thinned to a budget; the store keeps e
 """
 
 from slideframe.record.blueprint import Eye
+from slideframe.record.bodies import log_bodies
 from slideframe.record.film import log_film
 from slideframe.record.motion import log_motion
 from slideframe.record.report import log_report
@@ -15,6 +16,7 @@ from slideframe.record.volume import log_filling
 __all__ = [
     "Eye",
     "Recording",
+    "log_bodies",
     "log_filling",
     "log_film",
     "log_motion",

@@ -28,7 +28,7 @@ def blueprint(eye: Eye | None, active_tab: int = 0, compared: bool = False) -> r
 
     return rrb.Blueprint(
         rrb.Tabs(
-            _motion(space("Motion", "/motion/splats")),
+            _motion(space("Motion", "/motion/splats", "/boundary/**")),
             space("Scan", "/survey/points", "/survey/cameras/**", "/reconstruction/**"),
             rrb.Grid(
                 *(rrb.Spatial2DView(origin=f"/survey/maps/{name}", name=name.capitalize()) for name in SURVEY_MAPS),
@@ -49,7 +49,7 @@ def blueprint(eye: Eye | None, active_tab: int = 0, compared: bool = False) -> r
                 column_shares=[3, 2],
                 name="Volume",
             ),
-            space("Particles", "/motion/particles"),
+            space("Particles", "/motion/particles", "/boundary/**"),
             rrb.Horizontal(
                 rrb.TextDocumentView(origin="/report/result", name="Result"),
                 rrb.TextDocumentView(origin="/report/config", name="Configuration"),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from slideframe.config import RunConfig
 from slideframe.quality.surface import SurfaceComparison
 from slideframe.record.blueprint import Eye
+from slideframe.record.bodies import log_bodies
 from slideframe.record.film import log_film
 from slideframe.record.motion import log_motion
 from slideframe.record.report import log_report
@@ -61,6 +62,7 @@ def record_run(
     if "volume_filler" in values:
         plan = plan_of(config.region, values["pose_source"].georeference)
         log_filling(stream, values["volume_filler"], plan, figures, comparison)
+        log_bodies(stream, config.boundary, values["pose_source"].georeference)
     if "renderer" in values:
         left_out += log_film(stream, values["renderer"], config.simulation.frame_rate)
     if "solver" in values:
