@@ -203,7 +203,7 @@ def bytes_per_particle(name: str, filling: Filling, problem: SimulationProblem) 
         from slideframe_mpm_taichi.stepper import bytes_needed
     count = len(filling.particle_positions)
     nodes = estimate_nodes(filling, problem.grid(filling))
-    return bytes_needed(count, nodes, problem.simulation.precision) / count
+    return bytes_needed(count, nodes, problem.simulation) / count
 
 
 def print_shares(name: str, particles: int) -> None:

@@ -60,7 +60,7 @@ def warp_law(precision):
     from slideframe_mpm_warp.runtime import kernels_in
     from slideframe_mpm_warp.stepper import JACOBI_SWEEPS
 
-    kernels = kernels_in(precision, "cpu", False)
+    kernels = kernels_in(precision, "cpu", False, False)
     level, wp.config.log_level = wp.config.log_level, wp.LOG_ERROR
 
     @wp.kernel(module="unique", enable_backward=False)

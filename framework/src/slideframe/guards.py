@@ -100,7 +100,7 @@ def start_frame(filling: Filling, problem: SimulationProblem) -> ParticleFrame:
         positions=filling.particle_positions.copy(),
         velocities=filling.start_velocities().copy(),
         deformation_gradients=np.tile(np.eye(3, dtype=np.float32), (count, 1, 1)),
-        **stress_fields(np.zeros((count, 3, 3)), problem),
+        **stress_fields(np.zeros((count, 3, 3)), np.zeros(count), problem),
     )
 
 

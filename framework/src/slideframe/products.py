@@ -223,8 +223,9 @@ class ParticleFrame(Product):
 
     `deformation_gradients` carry neighbourhoods from t = 0 to now, for the renderer. `escaped` counts
     the particles that reached the edge of the grid and were held there.
-    The stresses are Cauchy's: their mean, tension positive, and the deviatoric stress q = sqrt(3 J2). They are
-    empty unless the problem asks for them.
+    The stresses are Cauchy's: their mean, tension positive, and the deviatoric stress q = sqrt(3 J2). The plastic
+    strain is the norm of each step's plastic deviatoric strain, summed since t = 0. They are empty unless the
+    problem asks for them.
     """
 
     time: float
@@ -236,6 +237,9 @@ class ParticleFrame(Product):
         default_factory=lambda: np.zeros(0, np.float32)
     )
     deviatoric_stresses: Annotated[Float32Array, Array(("stressed_particle",), "float32", "Pa")] = Field(
+        default_factory=lambda: np.zeros(0, np.float32)
+    )
+    plastic_strains: Annotated[Float32Array, Array(("stressed_particle",), "float32", "1", compact="half")] = Field(
         default_factory=lambda: np.zeros(0, np.float32)
     )
 

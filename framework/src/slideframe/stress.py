@@ -12,17 +12,21 @@ from slideframe.problem import Material, SimulationProblem
 SMALLEST_SQUARED_STRETCH = 1e-12
 
 
-def stress_fields(elastic_states: Float64Array, problem: SimulationProblem) -> dict[str, Any]:
-    """Return a frame's stress fields by name, or none where the problem doesn't ask for them.
+def stress_fields(
+    elastic_states: Float64Array, plastic_strains: npt.NDArray[np.floating], problem: SimulationProblem
+) -> dict[str, Any]:
+    """Return a frame's fields of stress and plastic strain by name, or none where the problem doesn't ask for them.
 
     Args:
         elastic_states: X = b_e - 1, elastic left Cauchy-Green tensor minus identity, (n, 3, 3).
+        plastic_strains: accumulated norm of the plastic deviatoric strain, (n,).
         problem: says whether stress is recorded, and the material.
     """
     if not problem.simulation.record_stress:
         return {}
     mean, deviatoric = stress_invariants(elastic_states, problem.material)
-    return {"mean_stresses": mean.astype(np.float32), "deviatoric_stresses": deviatoric.astype(np.float32)}
+    fields = {"mean_stresses": mean, "deviatoric_stresses": deviatoric, "plastic_strains": plastic_strains}
+    return {name: values.astype(np.float32) for name, values in fields.items()}
 
 
 def symmetric(components: npt.NDArray[np.floating]) -> Float64Array:

@@ -134,7 +134,7 @@ def test_the_code_for_cards_compiles_without_a_card(tmp_path):
     """For NVIDIA's Hopper, with the compiler that Warp brings along; it has not run on one."""
     import warp as wp
 
-    package = kernels_in("float32", "cpu", True)
+    package = kernels_in("float32", "cpu", True, False)
     for name in ("layout", "boundaries", "transfers", "rendering"):
         module = sys.modules[f"{package.__name__}.{name}"]
         wp.compile_aot_module(module, arch=90, module_dir=tmp_path / name, strip_hash=False)

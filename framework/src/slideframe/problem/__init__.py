@@ -21,11 +21,20 @@ from slideframe.problem.slip_surface import (
     SlblBase,
     SlipSurface,
 )
+from slideframe.problem.transfer import (
+    AffineTransfer,
+    BlendTransfer,
+    SeparableTransfer,
+    Transfer,
+    TransferConstants,
+)
 from slideframe.problem.view import FileView, FlightView, OrbitView, SurveyView, View
 
 __all__ = [
     "FEATURES",
     "LAWS",
+    "AffineTransfer",
+    "BlendTransfer",
     "Boundary",
     "BoxRegion",
     "ColliderMesh",
@@ -53,6 +62,7 @@ __all__ = [
     "ReferenceGround",
     "Region",
     "Sand",
+    "SeparableTransfer",
     "Share",
     "Shot",
     "Simulation",
@@ -61,6 +71,8 @@ __all__ = [
     "SlblBase",
     "SlipSurface",
     "SurveyView",
+    "Transfer",
+    "TransferConstants",
     "Vector",
     "View",
     "Wall",

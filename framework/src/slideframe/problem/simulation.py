@@ -9,6 +9,7 @@ from slideframe.problem.base import ProblemModel, Vector
 from slideframe.problem.boundary import Boundary
 from slideframe.problem.grid import Grid, place_grid
 from slideframe.problem.material import Material
+from slideframe.problem.transfer import AffineTransfer, Transfer
 from slideframe.products import Filling, Georeference
 
 
@@ -25,13 +26,16 @@ class Simulation(ProblemModel):
         default="adaptive",
         description="adaptive: for the speed of the mass; fixed: for that of a fall across the whole domain",
     )
+    transfer: Transfer = AffineTransfer()
     precision: Literal["float32", "float64"] = "float32"
     stored_frames: Literal["whole", "compact"] = Field(
         default="whole",
         description="compact: half the disk; positions to 1/131070 of the mass's extent, velocities and deformations "
         "to 1/2048 of themselves",
     )
-    record_stress: bool = Field(default=False, description="whether frames carry every particle's stress invariants")
+    record_stress: bool = Field(
+        default=False, description="whether frames carry every particle's stress invariants and plastic strain"
+    )
     initial_stress: Literal["none", "k0", "ramp"] = Field(
         default="none",
         description="stress at t = 0; none: gravity acts at once; k0: the weight above, and earth_pressure times that "
@@ -72,8 +76,11 @@ class Simulation(ProblemModel):
 
 # What a problem may ask of a solver beyond cones of friction between closed walls: see SimulationProblem.features.
 FEATURES = frozenset(
-    {"elastic", "drucker_prager", "mohr_coulomb", "open_walls", "terrain", "meshes", "initial_stress", "rest"}
-)
+    {
+        "elastic", "drucker_prager", "mohr_coulomb", "open_walls", "terrain", "meshes", "initial_stress", "rest",
+        "pic_flip", "asflip",
+    }
+)  # fmt: skip
 
 
 class SimulationProblem(ProblemModel):
@@ -109,6 +116,7 @@ class SimulationProblem(ProblemModel):
             "meshes": bool(self.boundary.meshes),
             "initial_stress": self.simulation.initial_stress != "none",
             "rest": self.simulation.stop == "rest",
+            self.simulation.transfer.kind: self.simulation.transfer.kind != "apic",
         }
         return frozenset({self.material.law, *(name for name, needed in used.items() if needed)})
 

@@ -12,7 +12,7 @@ from slideframe.contact import ContactNodes, ground_contact
 from slideframe.guards import STRETCH_BOUNDS, check_memory, check_start
 from slideframe.problem import FEATURES, Boundary, Grid, SimulationProblem, Wall
 from slideframe.problem.boundary import STICKS
-from slideframe.problem.material import ElasticSoil
+from slideframe.problem.transfer import LOOSE_STRAIN
 from slideframe.products import Filling, ParticleFrame
 from slideframe.reference.constitutive import kirchhoff_stress, return_mapping
 from slideframe.stages import Context, Solver
@@ -24,7 +24,7 @@ BYTES_PER_NODE = 4 * 8 * 3
 
 
 class ReferenceSolver(Solver):
-    """Explicit MLS-MPM in float64 NumPy: quadratic B-splines, affine transfer, sand (Hu et al. 2018)."""
+    """Explicit MLS-MPM in float64 NumPy: quadratic B-splines, every transfer and law (Hu et al. 2018)."""
 
     name = "reference"
     features: ClassVar[frozenset[str]] = FEATURES
@@ -140,7 +140,7 @@ class Particles:
             velocities=self.velocities.astype(np.float32),
             deformation_gradients=self.deformation_gradients.astype(np.float32),
             escaped=int(self.held.sum()),
-            **stress_fields(self.elastic @ np.swapaxes(self.elastic, 1, 2) - np.eye(3), problem),
+            **stress_fields(self.elastic @ np.swapaxes(self.elastic, 1, 2) - np.eye(3), self.plastic_strains, problem),
         )
 
 
@@ -148,12 +148,15 @@ def advance(state: Particles, problem: SimulationProblem, contact: ContactNodes,
     """Carry the particles through one substep: scatter, grid, gather, stress."""
     time_step = step.time_step
     stencil = Stencil.around(state.positions, grid)
-    momentum, mass = particles_to_grid(state, stencil, problem.material, grid, time_step)
-    velocity = np.divide(momentum, mass[:, None], out=np.zeros_like(momentum), where=mass[:, None] > 0)
-    velocity = step.kept * (velocity + time_step * np.array(step.gravity))
+    momentum, impulse, mass = particles_to_grid(state, stencil, problem, grid, time_step)
+    occupied = mass[:, None] > 0
+    before, change = (
+        np.divide(each, mass[:, None], out=np.zeros_like(each), where=occupied) for each in (momentum, impulse)
+    )
+    velocity = step.kept * (before + change + time_step * np.array(step.gravity))
     apply_contact(velocity.reshape(*grid.shape, 3), contact)
     apply_walls(velocity.reshape(*grid.shape, 3), problem.boundary, grid)
-    grid_to_particles(state, stencil, velocity, problem, grid, time_step)
+    grid_to_particles(state, stencil, before, velocity, problem, grid, time_step)
 
 
 @dataclass
@@ -188,18 +191,23 @@ class Stencil:
 
 
 def particles_to_grid(
-    state: Particles, stencil: Stencil, soil: ElasticSoil, grid: Grid, time_step: float
-) -> tuple[Float64Array, Float64Array]:
-    """Return the grid's momentum (nodes, 3), kg m/s, after internal forces, and its mass (nodes,), kg.
+    state: Particles, stencil: Stencil, problem: SimulationProblem, grid: Grid, time_step: float
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Return the grid's momentum (nodes, 3), the impulse of stress on it (nodes, 3), kg m/s, and its mass (nodes,), kg.
 
-    Source: Hu et al. 2018, "A moving least squares material point method", eqs. 16 to 18.
+    Source: Hu et al. 2018, "A moving least squares material point method", eqs. 16 to 18; C is left out where the
+    transfer isn't affine.
     """
-    stress = kirchhoff_stress(state.elastic, soil)
-    impulse = (4 * time_step / grid.spacing**2) * state.volumes[:, None, None] * stress
-    affine = state.masses[:, None, None] * state.velocity_gradients - impulse
+    stress = kirchhoff_stress(state.elastic, problem.material)
+    affine = problem.simulation.transfer.constants.affine * state.masses[:, None, None] * state.velocity_gradients
     carried = (state.masses[:, None] * state.velocities)[:, None] + np.einsum("pij,pnj->pni", affine, stencil.arms)
-    momentum = [scatter(stencil.weights * carried[:, :, axis], stencil, grid) for axis in range(3)]
-    return np.stack(momentum, axis=1), scatter(stencil.weights * state.masses[:, None], stencil, grid)
+    pull = (-4 * time_step / grid.spacing**2) * state.volumes[:, None, None] * stress
+    pushed = np.einsum("pij,pnj->pni", pull, stencil.arms)
+    momentum, impulse = (
+        np.stack([scatter(stencil.weights * each[:, :, axis], stencil, grid) for axis in range(3)], axis=1)
+        for each in (carried, pushed)
+    )
+    return momentum, impulse, scatter(stencil.weights * state.masses[:, None], stencil, grid)
 
 
 def scatter(shares: Float64Array, stencil: Stencil, grid: Grid) -> Float64Array:
@@ -248,13 +256,25 @@ def _after_contact(velocity: Float64Array, normals: Float64Array, coefficients: 
 
 
 def grid_to_particles(
-    state: Particles, stencil: Stencil, velocity: Float64Array, problem: SimulationProblem, grid: Grid, time_step: float
+    state: Particles,
+    stencil: Stencil,
+    before: Float64Array,
+    velocity: Float64Array,
+    problem: SimulationProblem,
+    grid: Grid,
+    time_step: float,
 ) -> None:
-    """Gather velocities, move the particles, strain them and let them yield, in place."""
+    """Gather velocities, strain the particles, let them yield and move them, in place.
+
+    `before` and `velocity` (nodes, 3), m/s, are the grid's before and after the substep's forces.
+    """
+    transfer = problem.simulation.transfer.constants
     # what has left the domain weighs nothing and stays where it left
     staying = (state.masses > 0)[:, None]
     shares = stencil.weights[:, :, None] * velocity[stencil.nodes]
-    state.velocities = staying * shares.sum(axis=1)
+    gathered = shares.sum(axis=1)
+    excess = state.velocities - (stencil.weights[:, :, None] * before[stencil.nodes]).sum(axis=1)
+    state.velocities = staying * (gathered + transfer.velocity_share * excess)
     state.velocity_gradients = staying[:, None] * (
         (4 / grid.spacing**2) * np.einsum("pni,pnj->pij", shares, stencil.arms)
     )
@@ -263,7 +283,10 @@ def grid_to_particles(
     flow = return_mapping(change @ state.elastic, state.volume_corrections, problem.material)
     state.elastic, state.volume_corrections = flow.elastic, flow.volume_correction
     state.plastic_strains = state.plastic_strains + flow.sheared
-    carry(state, time_step * state.velocities, problem, grid)
+    # only what bears no pressure may move against its neighbours (Fei et al. 2021)
+    loose = np.log(np.linalg.det(flow.elastic)) >= LOOSE_STRAIN
+    ways = gathered + transfer.position_share * loose[:, None] * excess
+    carry(state, time_step * staying * ways, problem, grid)
 
 
 def carry(state: Particles, ways: Float64Array, problem: SimulationProblem, grid: Grid) -> None:

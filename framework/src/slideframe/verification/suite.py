@@ -18,6 +18,7 @@ from slideframe.verification import (
     invariance,
     slopes,
     terrain,
+    transfers,
     vibration,
 )
 from slideframe.verification.case import Case
@@ -29,6 +30,7 @@ CASES: tuple[Case, ...] = (
     *invariance.CASES,
     *hold.CASES,
     *conservation.CASES,
+    *transfers.CASES,
     *contact.CASES,
     *terrain.CASES,
     *slopes.CASES,

@@ -5,10 +5,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from slideframe.problem import Simulation
 from slideframe.tiles import COLOURS, HEADROOM, LARGEST_INDEX, TILE, require_room, runs, window
 
 # momentum and mass in reals, and the column of each node and its particles as integers
 REALS_PER_NODE, INTEGERS_PER_NODE = 4, 2
+# in addition the impulse of stress where a transfer keeps it apart
+REALS_PER_FORCE = 4
 
 
 class Layout:
@@ -20,19 +23,20 @@ class Layout:
         columns: (columns or more,), what to add to a layer's index k to find a column's node.
         owners: (nodes or more,), each node's column.
         nodes: (nodes or more,), momentum or velocity, and mass.
+        forces: (nodes or more,), impulse of stress, or velocity before it, where a transfer keeps them; else `nodes`.
         order: (n,), the particles in the order of their first nodes.
         runs: for each colour an array of runs of particles (first, count) that share no node, and their number.
     """
 
-    def __init__(self, precision: str, particle_count: int, on_processor: bool) -> None:
+    def __init__(self, simulation: Simulation, particle_count: int, on_processor: bool) -> None:
         """Have no nodes yet."""
         import taichi as ti
 
         from slideframe_mpm_taichi.kernels import MOST_RUNS
 
         self._most_runs = MOST_RUNS
-        self._on_processor = on_processor
-        self._node = ti.types.vector(4, ti.f64 if precision == "float64" else ti.f32)
+        self._on_processor, self._keeps_excess = on_processor, not simulation.transfer.constants.is_plain
+        self._node = ti.types.vector(4, ti.f64 if simulation.precision == "float64" else ti.f32)
         self._bounds = ti.ndarray(ti.i32, 4)
         self._keys = ti.ndarray(ti.i32, particle_count)
         self._run_arrays = [ti.ndarray(ti.types.vector(2, ti.i32), self._most_runs) for _ in range(COLOURS)]
@@ -79,7 +83,9 @@ class Layout:
         self.node_count = int(self._node_starts[-1])
         self.columns = self._room("columns", self._tiles[0] * self._tiles[1] * TILE**2)
         self.owners = self._room("owners", self.node_count)
-        self.nodes = self._room("nodes", self.node_count, self._node)
+        self.nodes = self.forces = self._room("nodes", self.node_count, self._node)
+        if self._keeps_excess:
+            self.forces = self._room("forces", self.node_count, self._node)
         kernels.place_columns(self._arrays["bases"], self._arrays["starts"], self._tiles, self.columns, self.owners)
 
     def _room(self, name: str, length: int, element: Any = None) -> Any:

@@ -6,12 +6,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from slideframe.problem import Grid
+from slideframe.problem import Grid, SimulationProblem
 from slideframe.products import Filling
 
 # positions, residuals, velocities, affines, elastic states, volume corrections, deformation gradients, masses, volumes,
 # and while sorting one more matrix, vector, state and scalar
 REALS_PER_PARTICLE = 3 + 3 + 3 + 9 + 6 + 1 + 9 + 1 + 1 + (9 + 3 + 6 + 1)
+# in addition the stress terms where a transfer keeps them apart, and plastic strain where it is recorded
+REALS_PER_PULL, REALS_PER_PLASTIC_STRAIN = 9, 1
 # held, identities, one more while sorting, and sort keys and places
 INTEGERS_PER_PARTICLE = 1 + 1 + 1 + 1 + 1
 
@@ -19,11 +21,12 @@ INTEGERS_PER_PARTICLE = 1 + 1 + 1 + 1 + 1
 class Particles:
     """Arrays of particles by name, in the order of their cells; `identities` leads back to the filling's order."""
 
-    def __init__(self, filling: Filling, density: float, grid: Grid, precision: str) -> None:
+    def __init__(self, filling: Filling, problem: SimulationProblem, grid: Grid) -> None:
         """Lay out the particles at t = 0, without stress."""
         import taichi as ti
 
         self.count = len(filling.particle_positions)
+        precision = problem.simulation.precision
         real = ti.f64 if precision == "float64" else ti.f32
         vector, matrix, state = ti.types.vector(3, real), ti.types.matrix(3, 3, real), ti.types.vector(6, real)
         cells = (filling.particle_positions.astype(np.float64) - np.array(grid.origin)) / grid.spacing
@@ -36,11 +39,15 @@ class Particles:
             "elastic_states": (state, None),
             "volume_corrections": (real, None),
             "deformation_gradients": (matrix, np.tile(np.eye(3), (self.count, 1, 1))),
-            "masses": (real, density * volumes),
+            "masses": (real, problem.material.density * volumes),
             "volumes": (real, volumes),
             "held": (ti.i32, None),
             "identities": (ti.i32, np.arange(self.count)),
         }
+        if not problem.simulation.transfer.constants.is_plain:
+            start["pulls"] = (matrix, None)
+        if problem.simulation.record_stress:
+            start["plastic_strains"] = (real, None)
         self._arrays: dict[str, Any] = {}
         self._elements = {name: element for name, (element, _) in start.items()}
         for name, (element, values) in start.items():
@@ -52,7 +59,9 @@ class Particles:
         self._spares: dict[int, Any] = {}
 
     def __getitem__(self, name: str) -> Any:
-        return self._arrays[name]
+        """Give an array; stress terms that needn't be apart are with the affines, plastic strains are then unused."""
+        stand_ins = {"pulls": "affines", "plastic_strains": "volumes"}
+        return self._arrays[name if name in self._arrays else stand_ins[name]]
 
     def assign(self, name: str, values: npt.NDArray[np.floating]) -> None:
         """Take values in the filling's order as one of the arrays of reals."""
@@ -86,7 +95,7 @@ class Particles:
 
     def in_order(self, name: str) -> npt.NDArray[Any]:
         """Return a copy of one array, in the filling's order."""
-        values: npt.NDArray[Any] = self._arrays[name].to_numpy()
+        values: npt.NDArray[Any] = self[name].to_numpy()
         ordered = np.empty_like(values)
         ordered[self._arrays["identities"].to_numpy()] = values
         return ordered

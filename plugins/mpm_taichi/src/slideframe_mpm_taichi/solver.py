@@ -51,7 +51,7 @@ class TaichiSolver(Solver):
         grid = check_start(filling, problem)
         simulation, particle_count = problem.simulation, len(filling.particle_positions)
         node_count = estimate_nodes(filling, grid)
-        check_memory(bytes_needed(particle_count, node_count, simulation.precision), particle_count, node_count)
+        check_memory(bytes_needed(particle_count, node_count, simulation), particle_count, node_count)
         with session(context.device, simulation.precision):
             stepper = Stepper(filling, problem, grid, context.device)
             yield from March(filling, problem, grid, context).frames(

@@ -11,24 +11,32 @@ from slideframe.contact import ground_contact
 from slideframe.device import Device
 from slideframe.guards import STRETCH_BOUNDS
 from slideframe.initial_stress import elastic_state
-from slideframe.problem import LAWS, Grid, SimulationProblem
+from slideframe.problem import LAWS, Grid, Simulation, SimulationProblem
 from slideframe.products import Filling, ParticleFrame
 from slideframe.stress import stress_fields, symmetric
 from slideframe.tiles import MOST_DRIFT
 from slideframe.time_integration import Step
-from slideframe_mpm_taichi.layout import INTEGERS_PER_NODE, REALS_PER_NODE, Layout
-from slideframe_mpm_taichi.particles import INTEGERS_PER_PARTICLE, REALS_PER_PARTICLE, Particles
+from slideframe_mpm_taichi.layout import INTEGERS_PER_NODE, REALS_PER_FORCE, REALS_PER_NODE, Layout
+from slideframe_mpm_taichi.particles import (
+    INTEGERS_PER_PARTICLE,
+    REALS_PER_PARTICLE,
+    REALS_PER_PLASTIC_STRAIN,
+    REALS_PER_PULL,
+    Particles,
+)
 
 # The series for log(1 + X) and exp(Y) - 1 end with the sixth power. Within this norm the first neglected
 # term, of relative size norm^6 / 7, is below the rounding of the type.
 SERIES_RADIUS = {"float32": 0.08, "float64": 0.003}
 
 
-def bytes_needed(particle_count: int, node_count: int, precision: str) -> int:
+def bytes_needed(particle_count: int, node_count: int, simulation: Simulation) -> int:
     """Return the memory that a simulation takes."""
-    reals = particle_count * REALS_PER_PARTICLE + node_count * REALS_PER_NODE
+    apart = not simulation.transfer.constants.is_plain
+    per_particle = REALS_PER_PARTICLE + apart * REALS_PER_PULL + simulation.record_stress * REALS_PER_PLASTIC_STRAIN
+    reals = particle_count * per_particle + node_count * (REALS_PER_NODE + apart * REALS_PER_FORCE)
     integers = particle_count * INTEGERS_PER_PARTICLE + node_count * INTEGERS_PER_NODE
-    return reals * np.dtype(precision).itemsize + integers * np.dtype(np.int32).itemsize
+    return reals * np.dtype(simulation.precision).itemsize + integers * np.dtype(np.int32).itemsize
 
 
 class Stepper:
@@ -48,8 +56,9 @@ class Stepper:
         self.step = Step(0.0, problem.simulation.gravity)
         self.contact = ground_contact(filling, problem, grid)
         self.ground: tuple[Any, ...] = ()
-        self.particles = Particles(filling, problem.material.density, grid, self.precision)
-        self.layout = Layout(self.precision, self.particles.count, device.kind == "cpu")
+        self.keeps_excess = not problem.simulation.transfer.constants.is_plain
+        self.particles = Particles(filling, problem, grid)
+        self.layout = Layout(problem.simulation, self.particles.count, device.kind == "cpu")
         # a bound on how far, in cells, a particle has moved since the layout was made; there is none at first
         self.drift = np.inf
 
@@ -63,16 +72,16 @@ class Stepper:
             contact = self.contact.settling() if step.settling else self.contact
             self.ground = self._vectors(contact.columns, np.int32), self._vectors(contact.normals)
         grid, soil, boundary = self.grid, self._vectors([acting.material.constants]), acting.boundary
-        radius = SERIES_RADIUS[self.precision]
+        radius, transfer = SERIES_RADIUS[self.precision], self.problem.simulation.transfer.constants
         self._update = (
             self._vectors([step.gravity]), step.time_step, step.kept, *self.ground, grid.padding, grid.high,
             boundary.sides.coefficient, boundary.floor.coefficient,
         )  # fmt: skip
         self._constants = (
-            step.time_step, grid.spacing, LAWS.index(acting.material.law), soil,
+            step.time_step, grid.spacing, self._vectors([transfer]), LAWS.index(acting.material.law), soil,
             self._vectors(acting.limits(grid)), radius,
         )  # fmt: skip
-        arrays = (self.particles[name] for name in ("affines", "elastic_states", "volumes"))
+        arrays = (self.particles[name] for name in ("pulls", "elastic_states", "volumes"))
         kernels.retime(*arrays, 4.0 * (before - step.time_step) / grid.spacing, soil, radius)
 
     def load(self, hencky: Float64Array) -> None:
@@ -82,7 +91,7 @@ class Stepper:
     def restart(self) -> None:
         """Put the particles back where they were at t = 0 and keep their stress."""
         states = self.particles.in_order("elastic_states")
-        self.particles = Particles(self.filling, self.problem.material.density, self.grid, self.precision)
+        self.particles = Particles(self.filling, self.problem, self.grid)
         self.particles.assign("elastic_states", states)
         self.step = Step(0.0, self.step.gravity)
         self.drift = np.inf
@@ -105,23 +114,32 @@ class Stepper:
             self._sort()
         layout, particles = self.layout, self.particles
         where = (layout.columns, layout.corner, layout.across)
-        kernels.clear_grid(layout.nodes, layout.node_count)
-        moving = [particles[name] for name in ("positions", "velocities", "affines", "masses")]
+        apart = (layout.forces, self.keeps_excess)
+        kernels.clear_grid(layout.nodes, layout.forces, layout.node_count, self.keeps_excess)
+        moving = [particles[name] for name in ("positions", "velocities", "affines", "pulls", "masses")]
         if self.coloured:
             for runs, count in layout.runs:
-                kernels.particles_to_grid(*moving, *where, runs, count, layout.nodes)
+                kernels.particles_to_grid(*moving, *where, layout.nodes, *apart, runs, count)
         else:
-            kernels.particles_to_grid_atomic(*moving, *where, layout.nodes)
+            kernels.particles_to_grid_atomic(*moving, *where, layout.nodes, *apart)
         kernels.update_grid(
-            layout.nodes, layout.node_count, layout.columns, layout.owners, layout.corner, layout.across, *self._update
+            layout.nodes,
+            layout.node_count,
+            layout.columns,
+            layout.owners,
+            layout.corner,
+            layout.across,
+            *apart,
+            *self._update,
         )
-        names = (
-            "positions", "residuals", "velocities", "affines", "elastic_states", "volume_corrections",
-            "deformation_gradients", "held", "masses", "volumes",
-        )  # fmt: skip
+        names = ("positions", "residuals", "velocities", "affines", "pulls", "elastic_states", "volume_corrections")
+        names += ("plastic_strains", "deformation_gradients", "held", "masses", "volumes")
         speed = float(
-            kernels.grid_to_particles(layout.nodes, *where, *(particles[name] for name in names), *self._constants)
-        )
+            kernels.grid_to_particles(
+                layout.nodes, *apart, *where, *(particles[name] for name in names),
+                self.problem.simulation.record_stress, *self._constants,
+            )
+        )  # fmt: skip
         self.drift += speed * self.step.time_step / self.grid.spacing
         return speed
 
@@ -164,5 +182,9 @@ class Stepper:
             velocities=velocities.astype(np.float32),
             deformation_gradients=self.particles.in_order("deformation_gradients").astype(np.float32),
             escaped=int(np.count_nonzero(self.particles["held"].to_numpy())),
-            **stress_fields(symmetric(self.particles.in_order("elastic_states")), self.problem),
+            **stress_fields(
+                symmetric(self.particles.in_order("elastic_states")),
+                self.particles.in_order("plastic_strains"),
+                self.problem,
+            ),
         )

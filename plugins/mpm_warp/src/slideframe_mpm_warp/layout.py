@@ -10,6 +10,8 @@ from slideframe.tiles import COLOURS, HEADROOM, LARGEST_INDEX, TILE, require_roo
 
 # momentum and mass in reals, and the column of each node as an integer
 REALS_PER_NODE, INTEGERS_PER_NODE = 4, 1
+# in addition the impulse of stress where a transfer keeps it apart
+REALS_PER_FORCE = 4
 
 
 class Layout:
@@ -21,6 +23,7 @@ class Layout:
         columns: (columns,), what to add to a layer's index k to find a column's node.
         owners: (nodes,), each node's column.
         nodes: (nodes,), momentum or velocity, and mass.
+        forces: (nodes,), impulse of stress, or velocity before it, where a transfer keeps them; else `nodes`.
         order: (n,), the particles in the order of their first nodes.
     """
 
@@ -82,7 +85,9 @@ class Layout:
         self.node_count = int(self._node_starts[-1])
         self.columns = self._room("columns", len(self._node_starts[1:]) * TILE**2)
         self.owners = self._room("owners", self.node_count)
-        self.nodes = self._room("nodes", self.node_count, self._kernels.Vector4)
+        self.nodes = self.forces = self._room("nodes", self.node_count, self._kernels.Vector4)
+        if self._kernels.KEEPS_EXCESS:
+            self.forces = self._room("forces", self.node_count, self._kernels.Vector4)
         inputs = [self._arrays["bases"], self._starts, wp.vec2i(*self._tiles), self.columns, self.owners]
         wp.launch(self._kernels.place_columns, dim=len(self.columns), inputs=inputs)
 

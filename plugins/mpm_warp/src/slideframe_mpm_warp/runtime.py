@@ -11,31 +11,35 @@ from types import ModuleType
 
 
 @cache
-def kernels_in(precision: str, device: str, shared_nodes: bool) -> ModuleType:
-    """Return the package of kernels in `precision`, compiled for `device`; `shared_nodes`: for many threads a node."""
+def kernels_in(precision: str, device: str, shared_nodes: bool, keeps_excess: bool) -> ModuleType:
+    """Return the package of kernels in `precision`, compiled for `device`.
+
+    `shared_nodes`: for many threads a node; `keeps_excess`: for transfers by which particles keep their own velocity.
+    """
     with _quiet():
         import warp as wp
 
         # on a machine without a card Warp's library says so to stderr, whatever its log level
         with _silent_stderr() if device == "cpu" else nullcontext():
             wp.init()  # type: ignore[no-untyped-call]
-        kernels = _package_in(precision, shared_nodes)
+        kernels = _package_in(precision, shared_nodes, keeps_excess)
         wp.load_module(kernels, device=device, recursive=True)
     return kernels
 
 
 @cache
-def _package_in(precision: str, shared_nodes: bool) -> ModuleType:
+def _package_in(precision: str, shared_nodes: bool, keeps_excess: bool) -> ModuleType:
     """Execute the package `kernels` under a name of its own, since Warp keeps the functions of one name together."""
     import warp as wp
 
-    name = f"slideframe_mpm_warp.kernels_{precision}" + "_shared" * shared_nodes
+    name = f"slideframe_mpm_warp.kernels_{precision}" + "_shared" * shared_nodes + "_excess" * keeps_excess
     folder = Path(__file__).with_name("kernels")
     specification = spec_from_file_location(name, folder / "__init__.py", submodule_search_locations=[str(folder)])
     assert specification is not None
     assert specification.loader is not None
     package = module_from_spec(specification)
-    package.__dict__.update(precision=getattr(wp, precision), shared_nodes=shared_nodes)
+    chosen = {"precision": getattr(wp, precision), "shared_nodes": shared_nodes, "keeps_excess": keeps_excess}
+    package.__dict__.update(chosen)
     sys.modules[name] = package
     specification.loader.exec_module(package)
     # Warp writes each operation as a statement of its own, across which Clang would not fuse a product and a sum

@@ -50,6 +50,6 @@ class WarpSolver(Solver):
         grid = check_start(filling, problem)
         simulation, particle_count = problem.simulation, len(filling.particle_positions)
         node_count = estimate_nodes(filling, grid)
-        check_memory(bytes_needed(particle_count, node_count, simulation.precision), particle_count, node_count)
+        check_memory(bytes_needed(particle_count, node_count, simulation), particle_count, node_count)
         stepper = Stepper(filling, problem, grid, str(context.device))
         yield from March(filling, problem, grid, context).frames(stepper, Checkpoints(context, self.checkpoint_every))

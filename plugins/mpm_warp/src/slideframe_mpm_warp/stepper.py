@@ -10,24 +10,32 @@ from slideframe.arrays import Float64Array
 from slideframe.contact import ContactNodes, ground_contact
 from slideframe.guards import STRETCH_BOUNDS
 from slideframe.initial_stress import elastic_state
-from slideframe.problem import LAWS, Grid, SimulationProblem
+from slideframe.problem import LAWS, Grid, Simulation, SimulationProblem
 from slideframe.products import Filling, ParticleFrame
 from slideframe.stress import stress_fields, symmetric
 from slideframe.tiles import MOST_DRIFT
 from slideframe.time_integration import Step
 from slideframe_mpm_warp.cores import Cores
-from slideframe_mpm_warp.layout import INTEGERS_PER_NODE, REALS_PER_NODE, Layout
-from slideframe_mpm_warp.particles import INTEGERS_PER_PARTICLE, REALS_PER_PARTICLE, Particles
+from slideframe_mpm_warp.layout import INTEGERS_PER_NODE, REALS_PER_FORCE, REALS_PER_NODE, Layout
+from slideframe_mpm_warp.particles import (
+    INTEGERS_PER_PARTICLE,
+    REALS_PER_PARTICLE,
+    REALS_PER_PLASTIC_STRAIN,
+    REALS_PER_PULL,
+    Particles,
+)
 from slideframe_mpm_warp.runtime import kernels_in
 
 JACOBI_SWEEPS = 6
 
 
-def bytes_needed(particle_count: int, node_count: int, precision: str) -> int:
+def bytes_needed(particle_count: int, node_count: int, simulation: Simulation) -> int:
     """Return the memory that a simulation takes."""
-    reals = particle_count * REALS_PER_PARTICLE + node_count * REALS_PER_NODE
+    apart = not simulation.transfer.constants.is_plain
+    per_particle = REALS_PER_PARTICLE + apart * REALS_PER_PULL + simulation.record_stress * REALS_PER_PLASTIC_STRAIN
+    reals = particle_count * per_particle + node_count * (REALS_PER_NODE + apart * REALS_PER_FORCE)
     integers = particle_count * INTEGERS_PER_PARTICLE + node_count * INTEGERS_PER_NODE
-    return reals * np.dtype(precision).itemsize + integers * np.dtype(np.int32).itemsize
+    return reals * np.dtype(simulation.precision).itemsize + integers * np.dtype(np.int32).itemsize
 
 
 class Stepper:
@@ -45,11 +53,13 @@ class Stepper:
 
         self.coloured = device == "cpu" if coloured is None else coloured
         self.grid, self.device, self.problem = grid, device, problem
-        self.kernels: Any = kernels_in(problem.simulation.precision, device, not self.coloured)
+        self.kernels: Any = kernels_in(
+            problem.simulation.precision, device, not self.coloured, not problem.simulation.transfer.constants.is_plain
+        )
         self.step = Step(0.0, problem.simulation.gravity)
         self.filling, self.contact = filling, ground_contact(filling, problem, grid)
         self.ground: tuple[Any, ...] = ()
-        self.particles = Particles(filling, problem.material.density, grid, self.kernels, device)
+        self.particles = Particles(filling, problem, grid, self.kernels, device)
         self.layout = Layout(self.kernels, device, self.particles.count)
         self.cores = Cores(self.particles.count if self.coloured else 1)
         chunks = -(-self.particles.count // self.kernels.CHUNK)
@@ -65,7 +75,7 @@ class Stepper:
             self.acting = self.problem.settling() if step.settling else self.problem
             self.ground = self._ground(self.contact.settling() if step.settling else self.contact)
         even = _even_runs(self.particles.count, self.cores.count)
-        arrays = [self.particles[name] for name in ("affines", "elastic_states", "volumes")]
+        arrays = [self.particles[name] for name in ("pulls", "elastic_states", "volumes")]
         change = 4.0 * (before - step.time_step) / self.grid.spacing
         soil = self.kernels.Soil(*self.problem.material.constants)
         self.cores.run(self._record(self.kernels.retime, even, *arrays, change, soil, JACOBI_SWEEPS))
@@ -79,8 +89,7 @@ class Stepper:
     def restart(self) -> None:
         """Put the particles back where they were at t = 0 and keep their stress."""
         states = self.particles.in_order("elastic_states")
-        density = self.problem.material.density
-        self.particles = Particles(self.filling, density, self.grid, self.kernels, self.device)
+        self.particles = Particles(self.filling, self.problem, self.grid, self.kernels, self.device)
         self.particles.assign("elastic_states", states)
         self.step = Step(0.0, self.step.gravity)
         self.drift, self._phases = np.inf, []
@@ -98,6 +107,8 @@ class Stepper:
         if self.drift > MOST_DRIFT:
             self._sort()
         self.layout.nodes.zero_()
+        if self.kernels.KEEPS_EXCESS:
+            self.layout.forces.zero_()
         self.fastest.zero_()
         for parts in self._phases:
             self.cores.run(parts)
@@ -121,28 +132,28 @@ class Stepper:
 
         kernels, layout, particles = self.kernels, self.layout, self.particles
         where = [layout.columns, layout.corner, layout.across]
-        scattered = [*(particles[name] for name in ("positions", "velocities", "affines", "masses")), *where]
+        moving = (particles[name] for name in ("positions", "velocities", "affines", "pulls", "masses"))
+        scattered = [*moving, *where, layout.nodes, layout.forces]
         runs = layout.cut(self.cores.count) if self.coloured else [[(0, particles.count)]]
-        self._phases = [self._record(kernels.particles_to_grid, run, *scattered, layout.nodes) for run in runs if run]
+        self._phases = [self._record(kernels.particles_to_grid, run, *scattered) for run in runs if run]
 
         boundary, change = self.acting.boundary, self.step.time_step * np.array(self.step.gravity)
         even = _even_runs(layout.node_count, self.cores.count)
         self._phases += [self._record(
             kernels.update_grid, even, layout.nodes, layout.columns, layout.owners, layout.corner, layout.across,
-            kernels.Vector(*change), self.step.kept, *self.ground, self.grid.padding,
+            layout.forces, kernels.Vector(*change), self.step.kept, *self.ground, self.grid.padding,
             wp.vec2i(*self.grid.high), kernels.Vector2(boundary.sides.coefficient, boundary.floor.coefficient),
         )]  # fmt: skip
 
-        names = (
-            "positions", "residuals", "velocities", "affines", "elastic_states", "volume_corrections",
-            "deformation_gradients", "held", "masses", "volumes",
-        )  # fmt: skip
-        soil = self.acting.material
+        names = ("positions", "residuals", "velocities", "affines", "pulls", "elastic_states", "volume_corrections")
+        names += ("plastic_strains", "deformation_gradients", "held", "masses", "volumes")
+        soil, transfer = self.acting.material, kernels.Vector(*self.problem.simulation.transfer.constants)
         even = _even_runs(particles.count, self.cores.count, kernels.CHUNK)
         self._phases += [self._record(
-            kernels.grid_to_particles, even, layout.nodes, *where, *(particles[name] for name in names), self.fastest,
-            self.step.time_step, self.grid.spacing, LAWS.index(soil.law), kernels.Soil(*soil.constants),
-            *(kernels.Vector(*limit) for limit in self.problem.limits(self.grid)), JACOBI_SWEEPS,
+            kernels.grid_to_particles, even, layout.nodes, layout.forces, *where, *(particles[name] for name in names),
+            self.fastest, self.step.time_step, self.grid.spacing, transfer, LAWS.index(soil.law),
+            kernels.Soil(*soil.constants), *(kernels.Vector(*limit) for limit in self.problem.limits(self.grid)),
+            JACOBI_SWEEPS,
         )]  # fmt: skip
 
     def _record(self, kernel: Any, runs: Sequence[tuple[int, int]], *inputs: Any) -> list[Any]:
@@ -182,7 +193,11 @@ class Stepper:
             velocities=velocities.astype(np.float32),
             deformation_gradients=self.particles.in_order("deformation_gradients").astype(np.float32),
             escaped=int(np.count_nonzero(self.particles["held"].numpy())),
-            **stress_fields(symmetric(self.particles.in_order("elastic_states")), self.problem),
+            **stress_fields(
+                symmetric(self.particles.in_order("elastic_states")),
+                self.particles.in_order("plastic_strains"),
+                self.problem,
+            ),
         )
 
 

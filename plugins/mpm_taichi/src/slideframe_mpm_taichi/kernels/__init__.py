@@ -3,7 +3,8 @@
 Positions are in cells from the grid's origin; everything else is SI. The elastic state of a particle is
 X = b_e - 1 (elastic left Cauchy-Green tensor minus identity) as (xx, yy, zz, yz, xz, xy): small strains
 stay small numbers, which a deformation gradient near 1 loses in float32. Between the kernels of one
-substep a particle carries `affines` = spacing * (mass * C - stress term), all that the next scatter needs.
+substep a particle carries `affines` = spacing * (mass * C - stress term), all that the next scatter needs; where
+particles keep a share of their own velocity (slideframe.problem.transfer), the stress terms are apart, in `pulls`.
 
 `float` is the runtime's default_fp, so one source serves both precisions. Taichi needs annotations as
 objects: no `from __future__ import annotations` in these modules.

@@ -60,10 +60,12 @@ def walls(velocity, i, j, k, padding, high, side, floor):
 
 
 @ti.kernel
-def clear_grid(grid: Array, node_count: ti.i32):
-    """Take momentum and mass off every node."""
+def clear_grid(grid: Array, forces: Array, node_count: ti.i32, keeps_excess: ti.template()):
+    """Take momentum and mass, and what else it is given, off every node."""
     for node in range(node_count):
         grid[node] = ti.Vector([0.0, 0.0, 0.0, 0.0])
+        if ti.static(keeps_excess):
+            forces[node] = ti.Vector([0.0, 0.0, 0.0, 0.0])
 
 
 @ti.kernel
@@ -74,6 +76,8 @@ def update_grid(
     owners: Array,
     corner: Pair,
     across: ti.i32,
+    forces: Array,
+    keeps_excess: ti.template(),
     gravity: Array,
     time_step: float,
     kept: float,
@@ -84,12 +88,22 @@ def update_grid(
     side: float,
     floor: float,
 ):
-    """Turn momentum into velocity, apply gravity and damping (`kept` is what that leaves), then ground and walls."""
+    """Turn momentum into velocity, apply gravity and damping (`kept` is what that leaves), then ground and walls.
+
+    Where particles keep an excess, the impulses of stress come in `forces`, which leave with the velocity before them.
+    """
     for node in range(node_count):
         entry = grid[node]
         if entry[3] > 0.0:
             i, j, k = place_of(node, columns, owners, corner, across)
-            v = kept * (ti.Vector([entry[0], entry[1], entry[2]]) / entry[3] + time_step * gravity[0])
+            # not `v` yet: Taichi 1.7.4 loses what a vector is set to after it has been stored
+            before = ti.Vector([entry[0], entry[1], entry[2]]) / entry[3]
+            change = time_step * gravity[0]
+            if ti.static(keeps_excess):
+                impulse = forces[node]
+                change += ti.Vector([impulse[0], impulse[1], impulse[2]]) / entry[3]
+                forces[node] = ti.Vector([before[0], before[1], before[2], 0.0])
+            v = kept * (before + change)
             v = ground(v, i, j, k, solid, normals)
             v = walls(v, i, j, k, padding, high, side, floor)
             grid[node] = ti.Vector([v[0], v[1], v[2], entry[3]])

@@ -2,6 +2,8 @@
 
 import taichi as ti
 
+from slideframe.problem.transfer import LOOSE_STRAIN
+
 from .arrays import Array
 from .layout import Pair
 from .materials import hencky_strain, kirchhoff_stress, return_mapping
@@ -56,15 +58,21 @@ def particles_to_grid(
     positions: Array,
     velocities: Array,
     affines: Array,
+    pulls: Array,
     masses: Array,
     columns: Array,
     corner: Pair,
     across: ti.i32,
+    grid: Array,
+    forces: Array,
+    keeps_excess: ti.template(),
     runs: Array,
     run_count: ti.i32,
-    grid: Array,
 ):
-    """Scatter runs of particles in tiles of one colour: no two threads share a node, so no sum varies."""
+    """Scatter runs of particles in tiles of one colour: no two threads share a node, so no sum varies.
+
+    Where particles keep an excess, the impulses of stress go to `forces`; else `affines` have them already.
+    """
     # a run is one step in LEAST_STEPS, so that each is a part of its own
     ti.loop_config(parallelize=MOST_RUNS)
     for step in range(run_count * LEAST_STEPS):
@@ -73,6 +81,8 @@ def particles_to_grid(
             for p in range(run[0], run[0] + run[1]):
                 momentum = masses[p] * velocities[p]
                 scatter(positions[p], momentum, affines[p], masses[p], columns, corner, across, grid, True)
+                if ti.static(keeps_excess):
+                    scatter(positions[p], 0.0 * momentum, pulls[p], 0.0, columns, corner, across, forces, True)
 
 
 @ti.kernel
@@ -80,16 +90,21 @@ def particles_to_grid_atomic(
     positions: Array,
     velocities: Array,
     affines: Array,
+    pulls: Array,
     masses: Array,
     columns: Array,
     corner: Pair,
     across: ti.i32,
     grid: Array,
+    forces: Array,
+    keeps_excess: ti.template(),
 ):
     """Scatter all particles at once, as a graphics card does best."""
     for p in range(positions.shape[0]):
         momentum = masses[p] * velocities[p]
         scatter(positions[p], momentum, affines[p], masses[p], columns, corner, across, grid, False)
+        if ti.static(keeps_excess):
+            scatter(positions[p], 0.0 * momentum, pulls[p], 0.0, columns, corner, across, forces, False)
 
 
 @ti.func
@@ -118,9 +133,63 @@ def gather(position, columns: ti.template(), corner, across, grid: ti.template()
     )
 
 
+@ti.func
+def carry(particle, way, limits: ti.template(), positions: ti.template(), residuals: ti.template()):
+    """Move a particle by `way`, in cells, within limits, and return whether it leaves the domain."""
+    position = positions[particle]
+    residual = residuals[particle]
+    leaving = False
+    for axis in ti.static(range(3)):
+        # Kahan's summation: a slow particle's step is below the rounding of its place, and would be lost
+        step = way[axis] + residual[axis]
+        moved = position[axis] + step
+        residual[axis] = step - (moved - position[axis])
+        # written so that NaN, too, is held: an index made of it would leave the grid
+        # what runs away stays, for the watch to find
+        if not (moved >= limits[0][axis]):
+            leaving = leaving or ti.abs(step) <= 1.0
+            moved = limits[0][axis]
+        if moved > limits[1][axis]:
+            leaving = leaving or ti.abs(step) <= 1.0
+            moved = limits[1][axis]
+        position[axis] = moved
+    positions[particle] = position
+    residuals[particle] = residual
+    return leaving
+
+
+@ti.func
+def strain(
+    particle,
+    change,
+    elastic_states: ti.template(),
+    volume_corrections: ti.template(),
+    plastic_strains: ti.template(),
+    records: ti.template(),
+    deformation_gradients: ti.template(),
+    law: ti.template(),
+    soil,
+    series_radius,
+):
+    """Strain a particle by `change` = dt grad v, let it yield, and return its elastic Hencky strain."""
+    deformation_gradients[particle] += change @ deformation_gradients[particle]
+    x = unpack(elastic_states[particle])
+    # b = (1 + G)(1 + X)(1 + G)^T, without ever adding a small number to 1
+    half = change + change @ x
+    trial = x + half + half.transpose() + half @ change.transpose()
+    state, hencky, correction, sheared = return_mapping(law, trial, volume_corrections[particle], soil, series_radius)
+    elastic_states[particle] = pack(state)
+    volume_corrections[particle] = correction
+    if ti.static(records):
+        plastic_strains[particle] += sheared
+    return hencky
+
+
 @ti.kernel
 def grid_to_particles(
     grid: Array,
+    forces: Array,
+    keeps_excess: ti.template(),
     columns: Array,
     corner: Pair,
     across: ti.i32,
@@ -128,80 +197,77 @@ def grid_to_particles(
     residuals: Array,
     velocities: Array,
     affines: Array,
+    pulls: Array,
     elastic_states: Array,
     volume_corrections: Array,
+    plastic_strains: Array,
     deformation_gradients: Array,
     held: Array,
     masses: Array,
     volumes: Array,
+    records: ti.template(),
     time_step: float,
     spacing: float,
+    transfers: Array,
     law: ti.template(),
     soils: Array,
     limits: Array,
     series_radius: float,
 ) -> float:
-    """Gather velocity and its gradient, move the particle, strain it, and prepare its next scatter.
+    """Gather velocity and its gradient, strain the particle, move it, and prepare its next scatter.
 
-    Returns the greatest component of velocity, UNBOUNDED for NaN.
+    `transfers` holds slideframe's TransferConstants. Returns the greatest component of velocity, UNBOUNDED for NaN.
     """
     fastest = 0.0
     ti.loop_config(parallelize=PARTS)
     for particle in range(positions.shape[0]):
         # what has left the domain weighs nothing and stays where it left
-        if masses[particle] != 0.0:
+        mass = masses[particle]
+        if mass != 0.0:
             position = positions[particle]
             velocity, moment = gather(position, columns, corner, across, grid)
 
             # C = 4 / spacing * moment (Jiang et al. 2015: D = spacing^2 / 4 for quadratic splines)
             change = time_step * 4.0 / spacing * moment
-            deformation_gradients[particle] += change @ deformation_gradients[particle]
-            x = unpack(elastic_states[particle])
-            # b = (1 + G)(1 + X)(1 + G)^T, without ever adding a small number to 1
-            half = change + change @ x
-            trial = x + half + half.transpose() + half @ change.transpose()
-            state, hencky, correction, _ = return_mapping(
-                law, trial, volume_corrections[particle], soils[0], series_radius
-            )
-            stress = kirchhoff_stress(hencky, soils[0])
-            affines[particle] = 4.0 * masses[particle] * moment - 4.0 * volumes[particle] * time_step / spacing * stress
-            elastic_states[particle] = pack(state)
-            volume_corrections[particle] = correction
+            hencky = strain(
+                particle, change, elastic_states, volume_corrections, plastic_strains, records, deformation_gradients,
+                law, soils[0], series_radius,
+            )  # fmt: skip
+            pull = -4.0 * volumes[particle] * time_step / spacing * kirchhoff_stress(hencky, soils[0])
+            carrying = velocity
+            if ti.static(keeps_excess):
+                # Fei et al. 2021; only what bears no pressure may move against its neighbours
+                before, _ = gather(position, columns, corner, across, forces)
+                excess = velocities[particle] - before
+                if hencky.trace() >= LOOSE_STRAIN:
+                    carrying += transfers[0][2] * excess
+                velocity += transfers[0][1] * excess
+                pulls[particle] = pull
+                affines[particle] = transfers[0][0] * 4.0 * mass * moment
+            else:
+                affines[particle] = 4.0 * mass * moment + pull
             velocities[particle] = velocity
-            residual = residuals[particle]
-            leaving = False
             for axis in ti.static(range(3)):
-                # Kahan's summation: a slow particle's step is below the rounding of its place, and would be lost
-                step = time_step / spacing * velocity[axis] + residual[axis]
-                moved = position[axis] + step
-                residual[axis] = step - (moved - position[axis])
-                # written so that NaN, too, is held: an index made of it would leave the grid
-                # what runs away stays, for the watch to find
-                if not (moved >= limits[0][axis]):
-                    leaving = leaving or ti.abs(step) <= 1.0
-                    moved = limits[0][axis]
-                if moved > limits[1][axis]:
-                    leaving = leaving or ti.abs(step) <= 1.0
-                    moved = limits[1][axis]
-                position[axis] = moved
                 speed = ti.abs(velocity[axis])
+                if ti.static(keeps_excess):
+                    speed = ti.max(speed, ti.abs(carrying[axis]))
                 if not (speed <= UNBOUNDED):
                     speed = UNBOUNDED
                 ti.atomic_max(fastest, speed)
-            positions[particle] = position
-            residuals[particle] = residual
-            if leaving:
+            if carry(particle, time_step / spacing * carrying, limits, positions, residuals):
                 held[particle] = 1
                 masses[particle] = 0.0
                 volumes[particle] = 0.0
                 velocities[particle] = ti.Vector([0.0, 0.0, 0.0])
                 affines[particle] = sphere(0.0)
+                if ti.static(keeps_excess):
+                    pulls[particle] = sphere(0.0)
     return fastest
 
 
 @ti.kernel
-def retime(affines: Array, elastic_states: Array, volumes: Array, change: float, soils: Array, series_radius: float):
+def retime(pulls: Array, elastic_states: Array, volumes: Array, change: float, soils: Array, series_radius: float):
     """Make the stress term of the next scatter for another time step; `change` is 4 (old - new) / spacing."""
-    for particle in range(affines.shape[0]):
+    for particle in range(pulls.shape[0]):
         hencky = hencky_strain(unpack(elastic_states[particle]), series_radius)
-        affines[particle] += change * volumes[particle] * kirchhoff_stress(hencky, soils[0])
+        pulls[particle] += change * volumes[particle] * kirchhoff_stress(hencky, soils[0])

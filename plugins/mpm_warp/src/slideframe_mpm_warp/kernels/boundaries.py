@@ -5,7 +5,7 @@ import warp as wp
 from slideframe.problem.boundary import IS_OPEN, STICKS
 
 from .layout import place_of
-from .reals import Real, Vector, Vector2, Vector4
+from .reals import KEEPS_EXCESS, Real, Vector, Vector2, Vector4
 
 wp.set_module_options({"enable_backward": False})
 
@@ -78,6 +78,7 @@ def update_grid(
     owners: wp.array(dtype=int),
     corner: wp.vec2i,
     across: int,
+    forces: wp.array(dtype=Vector4),
     velocity_change: Vector,
     kept: Real,
     solid: wp.array2d(dtype=wp.vec3i),
@@ -86,13 +87,22 @@ def update_grid(
     high: wp.vec2i,
     coefficients: Vector2,
 ):
-    """Turn momentum into velocity, apply gravity and damping (`kept` is what that leaves), then ground and walls."""
+    """Turn momentum into velocity, apply gravity and damping (`kept` is what that leaves), then ground and walls.
+
+    Where particles keep an excess, the impulses of stress come in `forces`, which leave with the velocity before them.
+    """
     node = first + wp.tid()
     entry = grid[node]
     mass = entry[3]
     if mass > Real(0.0):
         i, j, k = place_of(node, columns, owners, corner, across)
-        v = kept * (Vector(entry[0], entry[1], entry[2]) / mass + velocity_change)
+        v = Vector(entry[0], entry[1], entry[2]) / mass
+        change = velocity_change
+        if wp.static(KEEPS_EXCESS):
+            impulse = forces[node]
+            change += Vector(impulse[0], impulse[1], impulse[2]) / mass
+            forces[node] = Vector4(v[0], v[1], v[2], Real(0.0))
+        v = kept * (v + change)
         v = ground(v, i, j, k, solid, normals)
         v = walls(v, i, j, k, padding, high, coefficients)
         grid[node] = Vector4(v[0], v[1], v[2], mass)

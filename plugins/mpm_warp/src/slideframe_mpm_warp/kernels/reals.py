@@ -1,4 +1,4 @@
-"""What `runtime` chose for this copy of the package: the precision, and whether threads share nodes."""
+"""What `runtime` chose for this copy of the package: precision, whether threads share nodes, what a transfer keeps."""
 
 import sys
 
@@ -7,6 +7,8 @@ import warp as wp
 Real = getattr(sys.modules[__package__], "precision", wp.float32)
 # nodes are shared by a card's threads, but a processor's own them
 SHARED_NODES = getattr(sys.modules[__package__], "shared_nodes", False)
+# whether particles keep a share of their own velocity, for which nodes remember theirs
+KEEPS_EXCESS = getattr(sys.modules[__package__], "keeps_excess", False)
 Vector2 = wp.types.vector(2, Real)
 Vector = wp.types.vector(3, Real)
 Vector4 = wp.types.vector(4, Real)

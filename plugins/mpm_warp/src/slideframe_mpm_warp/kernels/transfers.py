@@ -2,8 +2,10 @@
 
 import warp as wp
 
+from slideframe.problem.transfer import LOOSE_STRAIN
+
 from .materials import Soil, hencky_strain, kirchhoff_stress, return_mapping
-from .reals import SHARED_NODES, Matrix, Real, Vector, Vector4, Vector6
+from .reals import KEEPS_EXCESS, SHARED_NODES, Matrix, Real, Vector, Vector4, Vector6
 from .stencils import stencil_around
 from .tensors import pack, unpack
 
@@ -17,6 +19,7 @@ wp.set_module_options({"enable_backward": False})
 # Particles that share one entry of `fastest`: many, to save memory, but few enough not to wait for one another.
 CHUNK = wp.constant(256)
 UNBOUNDED = wp.constant(Real(1e30))
+LOOSE_STRAIN = wp.constant(Real(LOOSE_STRAIN))
 
 
 @wp.kernel
@@ -25,82 +28,42 @@ def particles_to_grid(
     positions: wp.array(dtype=Vector),
     velocities: wp.array(dtype=Vector),
     affines: wp.array(dtype=Matrix),
+    pulls: wp.array(dtype=Matrix),
     masses: wp.array(dtype=Real),
     columns: wp.array(dtype=int),
     corner: wp.vec2i,
     across: int,
     grid: wp.array(dtype=Vector4),
+    forces: wp.array(dtype=Vector4),
 ):
-    """Scatter momentum (first three) and mass (last) of every particle to its 27 nodes."""
+    """Scatter momentum (first three) and mass (last) of every particle to its 27 nodes.
+
+    Where particles keep an excess, the impulses of stress go to `forces`; else `affines` have them already.
+    """
     particle = first + wp.tid()
     mass = masses[particle]
     stencil = stencil_around(positions[particle], corner, across)
     scatter(grid, columns, across, stencil, mass * velocities[particle], affines[particle], mass)
+    if wp.static(KEEPS_EXCESS):
+        scatter(forces, columns, across, stencil, Vector(), pulls[particle], Real(0.0))
 
 
-@wp.kernel
-def grid_to_particles(
-    first: int,
-    grid: wp.array(dtype=Vector4),
-    columns: wp.array(dtype=int),
-    corner: wp.vec2i,
-    across: int,
-    positions: wp.array(dtype=Vector),
-    residuals: wp.array(dtype=Vector),
-    velocities: wp.array(dtype=Vector),
-    affines: wp.array(dtype=Matrix),
-    elastic_states: wp.array(dtype=Vector6),
-    volume_corrections: wp.array(dtype=Real),
-    deformation_gradients: wp.array(dtype=Matrix),
-    held: wp.array(dtype=wp.int32),
-    masses: wp.array(dtype=Real),
-    volumes: wp.array(dtype=Real),
-    fastest: wp.array(dtype=Real),
-    time_step: Real,
-    spacing: Real,
-    law: int,
-    soil: Soil,
+@wp.func
+def carry(
+    particle: int,
+    way: Vector,
     lowest: Vector,
     highest: Vector,
-    sweeps: int,
-):
-    """Gather velocity and its gradient, move the particle, strain it, and prepare its next scatter.
-
-    `fastest` receives the greatest component of velocity in each chunk of particles, UNBOUNDED for NaN.
-    """
-    particle = first + wp.tid()
-    # what has left the domain weighs nothing and stays where it left
-    if masses[particle] == Real(0.0):
-        return
+    positions: wp.array(dtype=Vector),
+    residuals: wp.array(dtype=Vector),
+) -> bool:
+    """Move a particle by `way`, in cells, within limits, and return whether it leaves the domain."""
     position = positions[particle]
-    gathered = gather(grid, columns, across, stencil_around(position, corner, across))
-    velocity = Vector(gathered[0, 3], gathered[1, 3], gathered[2, 3])
-    moment = Matrix(
-        gathered[0, 0], gathered[0, 1], gathered[0, 2],
-        gathered[1, 0], gathered[1, 1], gathered[1, 2],
-        gathered[2, 0], gathered[2, 1], gathered[2, 2],
-    )  # fmt: skip
-
-    # C = 4 / spacing * moment (Jiang et al. 2015: D = spacing^2 / 4 for quadratic splines)
-    change = time_step * Real(4.0) / spacing * moment
-    deformation_gradients[particle] += change * deformation_gradients[particle]
-    x = unpack(elastic_states[particle])
-    # b = (1 + G)(1 + X)(1 + G)^T, without ever adding a small number to 1
-    half = change + change * x
-    trial = x + half + wp.transpose(half) + half * wp.transpose(change)
-    state, hencky, correction, _sheared = return_mapping(law, trial, volume_corrections[particle], soil, sweeps)
-    stress = kirchhoff_stress(hencky, soil)
-    affines[particle] = (
-        Real(4.0) * masses[particle] * moment - Real(4.0) * volumes[particle] * time_step / spacing * stress
-    )
-    elastic_states[particle] = pack(state)
-    volume_corrections[particle] = correction
-    velocities[particle] = velocity
     residual = residuals[particle]
     leaving = False
     for axis in range(3):
         # Kahan's summation: a slow particle's step is below the rounding of its place, and would be lost
-        step = time_step / spacing * velocity[axis] + residual[axis]
+        step = way[axis] + residual[axis]
         moved = position[axis] + step
         residual[axis] = step - (moved - position[axis])
         # written so that NaN, too, is held: an index made of it would leave the grid
@@ -114,13 +77,114 @@ def grid_to_particles(
         position[axis] = moved
     positions[particle] = position
     residuals[particle] = residual
-    if leaving:
+    return leaving
+
+
+@wp.func
+def strain(
+    particle: int,
+    change: Matrix,
+    elastic_states: wp.array(dtype=Vector6),
+    volume_corrections: wp.array(dtype=Real),
+    plastic_strains: wp.array(dtype=Real),
+    deformation_gradients: wp.array(dtype=Matrix),
+    law: int,
+    soil: Soil,
+    sweeps: int,
+) -> Matrix:
+    """Strain a particle by `change` = dt grad v, let it yield, and return its elastic Hencky strain."""
+    deformation_gradients[particle] += change * deformation_gradients[particle]
+    x = unpack(elastic_states[particle])
+    # b = (1 + G)(1 + X)(1 + G)^T, without ever adding a small number to 1
+    half = change + change * x
+    trial = x + half + wp.transpose(half) + half * wp.transpose(change)
+    state, hencky, correction, sheared = return_mapping(law, trial, volume_corrections[particle], soil, sweeps)
+    elastic_states[particle] = pack(state)
+    volume_corrections[particle] = correction
+    # there are none unless they are asked for
+    if plastic_strains.shape[0] > 0:
+        plastic_strains[particle] += sheared
+    return hencky
+
+
+@wp.kernel
+def grid_to_particles(
+    first: int,
+    grid: wp.array(dtype=Vector4),
+    forces: wp.array(dtype=Vector4),
+    columns: wp.array(dtype=int),
+    corner: wp.vec2i,
+    across: int,
+    positions: wp.array(dtype=Vector),
+    residuals: wp.array(dtype=Vector),
+    velocities: wp.array(dtype=Vector),
+    affines: wp.array(dtype=Matrix),
+    pulls: wp.array(dtype=Matrix),
+    elastic_states: wp.array(dtype=Vector6),
+    volume_corrections: wp.array(dtype=Real),
+    plastic_strains: wp.array(dtype=Real),
+    deformation_gradients: wp.array(dtype=Matrix),
+    held: wp.array(dtype=wp.int32),
+    masses: wp.array(dtype=Real),
+    volumes: wp.array(dtype=Real),
+    fastest: wp.array(dtype=Real),
+    time_step: Real,
+    spacing: Real,
+    transfer: Vector,
+    law: int,
+    soil: Soil,
+    lowest: Vector,
+    highest: Vector,
+    sweeps: int,
+):
+    """Gather velocity and its gradient, strain the particle, move it, and prepare its next scatter.
+
+    `transfer` are slideframe's TransferConstants. `fastest` receives the greatest component of velocity in each chunk
+    of particles, UNBOUNDED for NaN.
+    """
+    particle = first + wp.tid()
+    # what has left the domain weighs nothing and stays where it left
+    mass = masses[particle]
+    if mass == Real(0.0):
+        return
+    stencil = stencil_around(positions[particle], corner, across)
+    gathered = gather(grid, columns, across, stencil)
+    velocity = Vector(gathered[0, 3], gathered[1, 3], gathered[2, 3])
+    moment = Matrix(
+        gathered[0, 0], gathered[0, 1], gathered[0, 2],
+        gathered[1, 0], gathered[1, 1], gathered[1, 2],
+        gathered[2, 0], gathered[2, 1], gathered[2, 2],
+    )  # fmt: skip
+
+    # C = 4 / spacing * moment (Jiang et al. 2015: D = spacing^2 / 4 for quadratic splines)
+    hencky = strain(
+        particle, time_step * Real(4.0) / spacing * moment, elastic_states, volume_corrections, plastic_strains,
+        deformation_gradients, law, soil, sweeps,
+    )  # fmt: skip
+    pull = Real(-4.0) * volumes[particle] * time_step / spacing * kirchhoff_stress(hencky, soil)
+    carrying = velocity
+    if wp.static(KEEPS_EXCESS):
+        # Fei et al. 2021; only what bears no pressure may move against its neighbours
+        before = gather(forces, columns, across, stencil)
+        excess = velocities[particle] - Vector(before[0, 3], before[1, 3], before[2, 3])
+        if wp.trace(hencky) >= LOOSE_STRAIN:
+            carrying += transfer[2] * excess
+        velocity += transfer[1] * excess
+        pulls[particle] = pull
+        affines[particle] = transfer[0] * Real(4.0) * mass * moment
+    else:
+        affines[particle] = Real(4.0) * mass * moment + pull
+    velocities[particle] = velocity
+    if carry(particle, time_step / spacing * carrying, lowest, highest, positions, residuals):
         held[particle] = 1
         masses[particle] = Real(0.0)
         volumes[particle] = Real(0.0)
         velocities[particle] = Vector()
         affines[particle] = Matrix()
+        pulls[particle] = Matrix()
     speed = wp.max(wp.abs(velocity))
+    if wp.static(KEEPS_EXCESS):
+        speed = wp.max(speed, wp.max(wp.abs(carrying)))
     if not (speed <= UNBOUNDED):
         speed = UNBOUNDED
     wp.atomic_max(fastest, particle // CHUNK, speed)
@@ -129,7 +193,7 @@ def grid_to_particles(
 @wp.kernel
 def retime(
     first: int,
-    affines: wp.array(dtype=Matrix),
+    pulls: wp.array(dtype=Matrix),
     elastic_states: wp.array(dtype=Vector6),
     volumes: wp.array(dtype=Real),
     change: Real,
@@ -139,4 +203,4 @@ def retime(
     """Make the stress term of the next scatter for another time step; `change` is 4 (old - new) / spacing."""
     particle = first + wp.tid()
     hencky = hencky_strain(unpack(elastic_states[particle]), sweeps)
-    affines[particle] += change * volumes[particle] * kirchhoff_stress(hencky, soil)
+    pulls[particle] += change * volumes[particle] * kirchhoff_stress(hencky, soil)
