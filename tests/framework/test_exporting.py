@@ -12,6 +12,7 @@ from slideframe.coupling import Coupling
 from slideframe.errors import InputError, StoreError
 from slideframe.exporting import Exporter, turned_cloud
 from slideframe.formats.colmap import read_colmap_views
+from slideframe.formats.particle_ply import write_particle_ply
 from slideframe.formats.splat_ply import read_splat_ply
 from slideframe.formats.transforms_json import read_transforms_json
 from slideframe.geodesy import ecef_from_geodetic
@@ -81,6 +82,30 @@ def test_a_sequence_is_numbered_and_keeps_one_order(run):
     first, last = (read_splat_ply(folder / f"splats-{index:06d}.ply") for index in (0, 2))
     assert len(first) == len(last)
     np.testing.assert_allclose(first.centers[: len(run.splats)], run.splats.centers, atol=FILE_ROUNDING)
+
+
+def test_particles_are_points_with_what_they_carry(run, tmp_path):
+    folder = export(run, "--what", "particles", "--every", "2")
+    assert {path.name for path in folder.glob("p*.ply")} == {"particles-000000.ply", "particles-000002.ply"}
+    frame, count = run.motion[2], len(run.filling.particle_positions)
+    names, table = read_points(folder / "particles-000002.ply", count)
+    assert names == ["x", "y", "z", "velocity_x", "velocity_y", "velocity_z"]
+    np.testing.assert_array_equal(table, np.hstack([frame.positions, frame.velocities]))
+    values = {
+        name: np.full(count, value, np.float32)
+        for value, name in enumerate(("mean_stresses", "deviatoric_stresses", "plastic_strains"))
+    }
+    write_particle_ply(frame.model_copy(update=values), tmp_path / "stressed.ply")
+    names, table = read_points(tmp_path / "stressed.ply", count)
+    assert names[6:] == ["mean_stress", "deviatoric_stress", "plastic_strain"]
+    assert table[:, 6:].mean(axis=0).tolist() == [0, 1, 2]
+
+
+def read_points(path: Path, count: int) -> tuple[list[str], np.ndarray]:
+    header, _, data = path.read_bytes().partition(b"end_header\n")
+    names = [line.split()[-1] for line in header.decode().splitlines() if line.startswith("property float")]
+    assert f"element vertex {count}" in header.decode()
+    return names, np.frombuffer(data, "<f4").reshape(count, len(names))
 
 
 def test_harmonics_turn_with_the_ground():

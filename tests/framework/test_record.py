@@ -8,7 +8,9 @@ import pytest
 from slideframe.problem import Sand, Simulation, SimulationProblem
 from slideframe.products import Picture
 from slideframe.record import Recording, drawing, log_film, log_motion
+from slideframe.record.blueprint import SOIL
 from slideframe.record.motion import Drawn
+from slideframe.record.soil import fields_of
 from slideframe.testing.ground_scenes import hillside_filling, hillside_splats, moving_frames
 
 FULL_DISK = """
@@ -108,6 +110,28 @@ def test_a_motion_within_its_budget_is_all_there(tmp_path):
     assert rows["/motion/particles"] == rows["/map/thickness"] == 6
     for name in ("energy/kinetic", "energy/potential", "mass/moving", "travel/front", "volume/outside"):
         assert rows[f"/figures/{name}"] == 6, name
+
+
+def test_soil_that_carries_stress_is_drawn_by_it(tmp_path):
+    recording, filling = Recording(tmp_path / "soil.rrd", "test", stressed=True), hillside_filling()
+    count = len(filling.particle_positions)
+    frames = [
+        frame.model_copy(
+            update={
+                "mean_stresses": np.linspace(-1e4, 1e3, count, dtype=np.float32),
+                "deviatoric_stresses": np.full(count, 2e3, np.float32),
+                "plastic_strains": np.linspace(0, 0.1 * index, count, dtype=np.float32),
+            }
+        )
+        for index, frame in enumerate(moving_frames(filling, frame_count=3, step=0.5))
+    ]
+    assert fields_of(frames[0])["pressure"].tolist()[:1] == [1e4]
+    assert fields_of(frames[0])["pressure"].min() == 0
+    scene = hillside_splats(), filling, frames
+    log_motion(recording.stream, *scene, PROBLEM, 10**9, lambda done, total: None)
+    recording.close()
+    rows = entities_of(tmp_path / "soil.rrd")
+    assert {rows[f"/soil/{name}"] for name in SOIL} == {3}
 
 
 def test_beyond_its_budget_frames_are_left_out_and_it_is_said(tmp_path):

@@ -13,6 +13,7 @@ from slideframe.coupling import Coupling, MovedSplats
 from slideframe.errors import InputError
 from slideframe.formats.colmap import write_colmap_views
 from slideframe.formats.georeference import write_georeference
+from slideframe.formats.particle_ply import write_particle_ply
 from slideframe.formats.posed_camera import PosedCamera, posed_cameras
 from slideframe.formats.splat_file import write_splats
 from slideframe.formats.transforms_json import write_transforms_json
@@ -23,7 +24,7 @@ from slideframe.showing import frame_name
 from slideframe.store import storing
 from slideframe.stored_run import StoredRun
 
-GEOREFERENCE, SEQUENCE = "georeference.json", "sequence.json"
+GEOREFERENCE, SEQUENCE, PARTICLES = "georeference.json", "sequence.json", "particles.json"
 Progress = Callable[[int, int], None]
 
 
@@ -47,10 +48,19 @@ class Exporter:
             paths.append(path)
             times[path.name] = frame.time
             progress(done + 1, len(frames))
-        times = self._earlier_times() | times
-        with self._whole(self.folder / SEQUENCE) as partial:
-            partial.write_text(json.dumps({"seconds": dict(sorted(times.items()))}, indent=1), encoding="utf-8")
-        return [*paths, self.folder / SEQUENCE, self._georeference()]
+        return [*paths, self._times(SEQUENCE, times), self._georeference()]
+
+    def particles(self, frames: Sequence[int], progress: Progress) -> list[Path]:
+        """Write the particles at those frames, each into a numbered file with all that they carry, and their times."""
+        paths, times = [], {}
+        for done, index in enumerate(frames):
+            frame, path = self.run.motion[index], self.folder / f"particles-{index:06d}.ply"
+            with self._whole(path) as partial:
+                write_particle_ply(frame, partial)
+            paths.append(path)
+            times[path.name] = frame.time
+            progress(done + 1, len(frames))
+        return [*paths, self._times(PARTICLES, times), self._georeference()]
 
     def cameras(self) -> list[Path]:
         """Write the survey's cameras, and the film's where there is one, as COLMAP models and transforms.json."""
@@ -105,10 +115,10 @@ class Exporter:
         write_mp4(pictures(), path, self.run.config.simulation.frame_rate, codec)
         return [path]
 
-    def _earlier_times(self) -> dict[str, float]:
-        """Return the times, s, of the frames that an earlier export left in the folder, by file name."""
+    def _earlier_times(self, listing: Path) -> dict[str, float]:
+        """Return the times, s, of the files that an earlier export left beside its listing."""
         with suppress(OSError, ValueError, KeyError):
-            seconds = json.loads((self.folder / SEQUENCE).read_text(encoding="utf-8"))["seconds"]
+            seconds = json.loads(listing.read_text(encoding="utf-8"))["seconds"]
             return {name: time for name, time in seconds.items() if (self.folder / name).is_file()}
         return {}
 
@@ -119,6 +129,14 @@ class Exporter:
             write_colmap_views(views, folder)
             write_transforms_json(views, folder / "transforms.json")
         return [folder]
+
+    def _times(self, name: str, times: dict[str, float]) -> Path:
+        """Write the seconds of the files written now, beside those of earlier exports."""
+        path = self.folder / name
+        times = self._earlier_times(path) | times
+        with self._whole(path) as partial:
+            partial.write_text(json.dumps({"seconds": dict(sorted(times.items()))}, indent=1), encoding="utf-8")
+        return path
 
     def _georeference(self) -> Path:
         path = self.folder / GEOREFERENCE

@@ -10,7 +10,7 @@ import tyro
 
 from slideframe.errors import ConfigurationError
 
-What = Literal["splats", "sequence", "cameras", "frames", "maps", "film"]
+What = Literal["splats", "sequence", "particles", "cameras", "frames", "maps", "film"]
 
 
 @dataclass(frozen=True)
@@ -20,13 +20,14 @@ class ExportOptions:
     run: Annotated[Path, tyro.conf.Positional]
     """A run folder."""
     what: What = "splats"
-    """splats: of one frame; sequence: of many; cameras: of survey and film; frames, maps: of the film; film: anew."""
+    """splats: of one frame; sequence: of many; particles: points with their velocity and, where recorded, stress;
+    cameras: of survey and film; frames, maps: of the film; film: anew."""
     out: Path | None = None
     """Folder to write into; by default `export` in the run folder."""
     frame: int = -1
     """Of `splats`: number of the frame from 0, or from the end if negative."""
     every: int = 1
-    """Of `sequence`, `frames` and `maps`: only each n-th frame, from the first on."""
+    """Of `sequence`, `particles`, `frames` and `maps`: only each n-th frame, from the first on."""
     suffix: Literal[".ply", ".compressed.ply", ".spz"] = ".ply"
     """Form of the splats; the last two need the extra `compressed`."""
     codec: Literal["h264", "av1"] = "h264"
@@ -58,6 +59,8 @@ def _export(options: ExportOptions) -> list[Path]:
             return exporter.splats([_place(options.frame, len(run.motion))], options.suffix, _tell)
         case "sequence":
             return exporter.splats(range(0, len(run.motion), options.every), options.suffix, _tell)
+        case "particles":
+            return exporter.particles(range(0, len(run.motion), options.every), _tell)
         case "cameras":
             return exporter.cameras()
         case "frames":

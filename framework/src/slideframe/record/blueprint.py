@@ -6,6 +6,7 @@ import rerun.blueprint as rrb
 
 SURVEY_MAPS = ("cameras", "overlap", "angles", "distances", "residuals")
 DIFFERENCE = "volume/difference"
+SOIL = {"plastic_strain": "Plastic strain", "pressure": "Pressure", "deviatoric_stress": "Deviatoric stress"}
 
 
 class Eye(NamedTuple):
@@ -15,10 +16,11 @@ class Eye(NamedTuple):
     target: tuple[float, float, float]
 
 
-def blueprint(eye: Eye | None, active_tab: int = 0, compared: bool = False) -> rrb.Blueprint:
+def blueprint(eye: Eye | None, active_tab: int = 0, compared: bool = False, stressed: bool = False) -> rrb.Blueprint:
     """Lay out the motion with film, map and plots, then the scan, the survey's quality, the volume, the report.
 
-    With `compared`, the volume has a map of its surface's difference to a reference ground.
+    With `compared`, the volume has a map of its surface's difference to a reference ground; with `stressed`, particles
+    are shown by plastic strain and stress too.
     """
     difference = [rrb.Spatial2DView(origin=f"/{DIFFERENCE}", name="Off the reference")] if compared else []
     controls = rrb.EyeControls3D(position=eye.position, look_target=eye.target, eye_up=(0, 0, 1)) if eye else None
@@ -26,6 +28,7 @@ def blueprint(eye: Eye | None, active_tab: int = 0, compared: bool = False) -> r
     def space(name: str, *contents: str) -> rrb.Spatial3DView:
         return rrb.Spatial3DView(origin="/", contents=list(contents), name=name, eye_controls=controls)
 
+    soil = [space(title, f"/soil/{name}", "/boundary/**") for name, title in SOIL.items()] if stressed else []
     return rrb.Blueprint(
         rrb.Tabs(
             _motion(space("Motion", "/motion/splats", "/boundary/**")),
@@ -49,7 +52,7 @@ def blueprint(eye: Eye | None, active_tab: int = 0, compared: bool = False) -> r
                 column_shares=[3, 2],
                 name="Volume",
             ),
-            space("Particles", "/motion/particles", "/boundary/**"),
+            rrb.Tabs(space("Travel", "/motion/particles", "/boundary/**"), *soil, name="Particles"),
             rrb.Horizontal(
                 rrb.TextDocumentView(origin="/report/result", name="Result"),
                 rrb.TextDocumentView(origin="/report/config", name="Configuration"),

@@ -15,6 +15,7 @@ from slideframe.problem import SimulationProblem
 from slideframe.products import Filling, ParticleFrame, SplatCloud
 from slideframe.record.drawing import DRAWN_SPLATS, IndexArray, heat, real_part_last, rgba, spacing_of, thinned
 from slideframe.record.maps import draw_thickness
+from slideframe.record.soil import SoilColours, fields_of
 
 # Shapes are logged this many times more rarely than places: they change slowly, and are twice as long.
 FRAMES_PER_SHAPE = 4
@@ -33,10 +34,13 @@ class Drawn:
     frames: IndexArray
 
     @classmethod
-    def within(cls, splats: int, particles: int, frames: int, budget: int) -> "Drawn":
-        """Thin splats and particles to what the viewer can draw, then frames to the budget, bytes."""
+    def within(cls, splats: int, particles: int, frames: int, budget: int, clouds: int = 1) -> "Drawn":
+        """Thin splats and particles to what the viewer can draw, then frames to the budget, bytes.
+
+        `clouds`: how often the particles are drawn.
+        """
         drawn, dots = thinned(splats, DRAWN_SPLATS), thinned(particles, DRAWN_SPLATS // 3)
-        cost = len(drawn) * (PLACE_BYTES + SHAPE_BYTES // FRAMES_PER_SHAPE) + len(dots) * PARTICLE_BYTES
+        cost = len(drawn) * (PLACE_BYTES + SHAPE_BYTES // FRAMES_PER_SHAPE) + clouds * len(dots) * PARTICLE_BYTES
         return cls(drawn, dots, thinned(frames, max(2, budget // max(cost, 1))))
 
 
@@ -49,7 +53,7 @@ def log_motion(
     budget: int,
     progress: Callable[[int, int], None],
 ) -> list[str]:
-    """Log moving splats, particles coloured by the way they went, the map of thickness and figures.
+    """Log moving splats, particles coloured by their way and by what frames carry of stress, thickness and figures.
 
     Moving and static splats are one entity, because the viewer sorts splats by entity.
 
@@ -57,7 +61,9 @@ def log_motion(
         What was thinned to stay within the budget, bytes, one phrase each.
     """
     coupling = Coupling(splats, filling)
-    drawn = Drawn.within(len(coupling), len(filling.particle_positions), len(motion), budget)
+    clouds = 1 + len(fields_of(motion[-1]))
+    drawn = Drawn.within(len(coupling), len(filling.particle_positions), len(motion), budget, clouds)
+    soil = SoilColours.over(motion, drawn.frames)
     last, start = motion[-1], filling.particle_positions
     direction = main_direction(last, filling)
     reach = max(float(_distance(last.positions, start).max()), 1e-6)
@@ -76,6 +82,7 @@ def log_motion(
             positions = frame.positions[drawn.particles]
             colors = heat(_distance(positions, start[drawn.particles]) / reach)
             stream.log("motion/particles", rr.Points3D(positions, colors=colors, radii=0.5 * spacing))
+            soil.log(stream, frame, drawn.particles, 0.5 * spacing)
             picture = io.BytesIO()
             thickness = grid.thickness(frame.positions, filling.particle_volumes)
             draw_thickness(thickness, thickest, grid.cell).save(picture, "PNG")

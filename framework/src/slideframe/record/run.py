@@ -51,7 +51,8 @@ def record_run(
         page: makes the result page (markdown) from what was left out.
         progress: is told of frames done and of how many.
     """
-    recording, left_out = Recording(path, name, _eye(config, values), compared=comparison is not None), []
+    shown = {"compared": comparison is not None, "stressed": config.simulation.record_stress}
+    recording, left_out = Recording(path, name, _eye(config, values), **shown), []
     stream, budget = recording.stream, config.outputs.recording_megabytes * 1e6 * (1 - RESERVE)
     if "pose_source" in values:
         log_survey(stream, values["pose_source"])

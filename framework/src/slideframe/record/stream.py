@@ -25,7 +25,14 @@ class Recording:
     """One .rrd file being written; it appears under its name when closed."""
 
     def __init__(
-        self, path: Path, name: str, eye: Eye | None = None, *, active_tab: int = 0, compared: bool = False
+        self,
+        path: Path,
+        name: str,
+        eye: Eye | None = None,
+        *,
+        active_tab: int = 0,
+        compared: bool = False,
+        stressed: bool = False,
     ) -> None:
         """Open the file beside its final place, blueprint first.
 
@@ -35,11 +42,12 @@ class Recording:
             eye: where the 3-D views look from.
             active_tab: the one that is open at first.
             compared: whether there is a map of the surface's difference to a reference ground.
+            stressed: whether particles carry stress and plastic strain.
         """
         self._path = path
         self._partial = path.with_name(path.name + ".partial")
         self.stream = rr.RecordingStream(APPLICATION, recording_id=name)
-        self.stream.save(self._partial, default_blueprint=blueprint(eye, active_tab, compared))
+        self.stream.save(self._partial, default_blueprint=blueprint(eye, active_tab, compared, stressed))
         self.stream.send_recording_name(name)
         self.stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
 

@@ -11,7 +11,7 @@ confining stress of a textbook test, and the deviatoric strain far beyond yield.
 import math
 from collections.abc import Iterator
 from functools import partial
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from slideframe.verification.scenes import filling, lattice
 
 YOUNGS_MODULUS = 5e7
 POISSON_RATIO = 0.3
+BULK_MODULUS = YOUNGS_MODULUS / (3 * (1 - 2 * POISSON_RATIO))
+SHEAR_MODULUS = YOUNGS_MODULUS / (2 * (1 + POISSON_RATIO))
 CELLS = 8
 SPACING = 0.1
 # of the time that a wave takes from a face to the middle: what the grid smears ahead of it stays away
@@ -35,6 +37,8 @@ CFL = 0.1
 SHEAR = 0.02
 # of the stress: what the faces' release wave, smeared by the grid, does in the middle
 TOLERANCE = 2e-3
+# of the plastic strain, which that wave changes itself, in proportion to the stress that is released
+STRAIN_TOLERANCE = 8e-3
 Match = Literal["triaxial_compression", "triaxial_extension", "plane_strain", "mohr_coulomb"]
 
 
@@ -50,8 +54,16 @@ def soil(cohesion: float, friction_angle: float, match: Match) -> DruckerPrager:
     )
 
 
-def invariants(rig: Rig, material: DruckerPrager, gradient: Float64Array) -> tuple[float, float]:
-    """Return pressure (compression positive) and deviatoric stress, Pa, in the middle once F = `gradient`."""
+class Element(NamedTuple):
+    """The middle of the block at the end: pressure (compression positive), q = sqrt(3 J2), Pa, and plastic strain."""
+
+    pressure: float
+    deviatoric: float
+    plastic_strain: float
+
+
+def strained(rig: Rig, material: DruckerPrager, gradient: Float64Array) -> Element:
+    """Return the middle once F = `gradient`."""
     edge = CELLS * SPACING
     middle = np.full(3, edge)
     # one particle in the middle of each cell is enough for a field that is linear
@@ -71,48 +83,59 @@ def invariants(rig: Rig, material: DruckerPrager, gradient: Float64Array) -> tup
     motion = rig.run(start, SimulationProblem(material=material, simulation=simulation))
     inner = np.abs(positions - middle).max(axis=1) < SPACING
     last = motion.frames[-1]
-    return -float(last.mean_stresses[inner].mean()), float(last.deviatoric_stresses[inner].mean())
+    fields = (-last.mean_stresses, last.deviatoric_stresses, last.plastic_strains)
+    return Element(*(float(values[inner].mean(dtype=np.float64)) for values in fields))
 
 
 def stretches(pressure: float, axial: float) -> Float64Array:
     """Return F of a triaxial test: the volumetric strain for a pressure, Pa, and the axial deviatoric strain."""
-    bulk = YOUNGS_MODULUS / (3 * (1 - 2 * POISSON_RATIO))
-    volume = -pressure / bulk
+    volume = -pressure / BULK_MODULUS
     return np.diag(np.exp(np.array([-axial / 2, -axial / 2, axial]) + volume / 3))
 
 
-def loaded(rig: Rig, material: DruckerPrager, pressure: float, axial: float) -> tuple[float, float]:
-    """Return pressure and deviatoric stress of a triaxial test, Pa, steered to a pressure as by a servo."""
-    reached, _ = invariants(rig, material, stretches(pressure, axial))
-    return invariants(rig, material, stretches(2 * pressure - reached, axial))
+def loaded(rig: Rig, material: DruckerPrager, pressure: float, axial: float) -> Element:
+    """Return the end of a triaxial test, steered to a pressure as by a servo."""
+    reached = strained(rig, material, stretches(pressure, axial)).pressure
+    return strained(rig, material, stretches(2 * pressure - reached, axial))
 
 
 def compression(cohesion: float, friction_angle: float, confinement: float, match: Match, rig: Rig) -> Iterator[Line]:
     """Triaxial compression; stresses in kPa."""
     expected = formulas.triaxial_strength(cohesion, friction_angle, confinement)
     pressure = confinement + expected / 3
-    _, got = loaded(rig, soil(1e3 * cohesion, friction_angle, match), 1e3 * pressure, -SHEAR)
-    name = f"triaxial compression, c {cohesion:g}, phi {friction_angle:g}, {match.replace('_', ' ')}: q_f"
-    yield Line(name, "kPa", expected, 1e-3 * got, TOLERANCE * expected, "Mohr-Coulomb")
+    end = loaded(rig, soil(1e3 * cohesion, friction_angle, match), 1e3 * pressure, -SHEAR)
+    name = f"triaxial compression, c {cohesion:g}, phi {friction_angle:g}, {match.replace('_', ' ')}: "
+    yield Line(f"{name}q_f", "kPa", expected, 1e-3 * end.deviatoric, TOLERANCE * expected, "Mohr-Coulomb")
+    # what of the deviatoric strain isn't elastic: Kirchhoff's q over sqrt(6) G
+    change = math.exp(-1e3 * pressure / BULK_MODULUS)
+    plastic = math.sqrt(1.5) * SHEAR - 1e3 * expected * change / (math.sqrt(6) * SHEAR_MODULUS)
+    yield Line(
+        f"{name}plastic strain",
+        "",
+        plastic,
+        end.plastic_strain,
+        STRAIN_TOLERANCE * plastic,
+        "strain less q / (sqrt 6 G)",
+    )
 
 
 def extension(match: Match, rig: Rig) -> Iterator[Line]:
     """Triaxial extension of phi = 30 under 100 kPa of lateral stress."""
     expected = formulas.extension_strength(0, 30, 100)
     pressure = (200 + expected) / 3
-    mean, deviatoric = loaded(rig, soil(0, 30, match), 1e3 * pressure, SHEAR)
-    got = 1e-3 * (mean - 2 * deviatoric / 3)
+    end = loaded(rig, soil(0, 30, match), 1e3 * pressure, SHEAR)
+    got = 1e-3 * (end.pressure - 2 * end.deviatoric / 3)
     name = f"triaxial extension, phi 30, {match.replace('_', ' ')}: axial stress"
     yield Line(name, "kPa", expected, got, TOLERANCE * 100, "Mohr-Coulomb")
 
 
 def simple_shear(friction_angle: float, rig: Rig) -> Iterator[Line]:
     """Shear in the x-z plane under a pressure of 100 kPa, with no strain across it."""
-    bulk = YOUNGS_MODULUS / (3 * (1 - 2 * POISSON_RATIO))
-    gradient = np.diag([math.exp(-1e5 / bulk / 2), 1.0, math.exp(-1e5 / bulk / 2)])
+    narrowed = math.exp(-1e5 / BULK_MODULUS / 2)
+    gradient = np.diag([narrowed, 1.0, narrowed])
     gradient[0, 2] = 4 * SHEAR
-    mean, deviatoric = invariants(rig, soil(0, friction_angle, "plane_strain"), gradient)
-    expected, got = math.sin(math.radians(friction_angle)), deviatoric / math.sqrt(3) / mean
+    end = strained(rig, soil(0, friction_angle, "plane_strain"), gradient)
+    expected, got = math.sin(math.radians(friction_angle)), end.deviatoric / math.sqrt(3) / end.pressure
     name = f"simple shear, phi {friction_angle:g}, plane strain: tau / sigma_n"
     yield Line(name, "", expected, got, 0.01 * expected, "Davis 1968: sin phi")
 
