@@ -16,7 +16,8 @@ def test_transfer_conserves_mass_and_both_momenta():
     state = Particles.at_start(filling, 2000)
     state.velocities = random.standard_normal(state.velocities.shape)
     state.velocity_gradients = random.standard_normal(state.velocity_gradients.shape)
-    momentum, mass = particles_to_grid(state, Stencil.around(state.positions, grid), problem.material, grid, 1e-3)
+    momentum, impulse, mass = particles_to_grid(state, Stencil.around(state.positions, grid), problem, grid, 1e-3)
+    assert not impulse.any()
     nodes = np.indices(grid.shape).reshape(3, -1).T * grid.spacing + np.array(grid.origin)
     np.testing.assert_allclose(mass.sum(), state.masses.sum(), rtol=ROUNDING)
     carried = state.masses[:, None] * state.velocities
