@@ -6,6 +6,7 @@ import pytest
 from slideframe.initial_stress import depths, elastic_state, geostatic_strain
 from slideframe.problem import Elastic, Wall
 from slideframe.reference.constitutive import kirchhoff_stress
+from slideframe.reference.solver import ReferenceSolver
 from slideframe.testing.evidence import fresh_context
 from slideframe.testing.solver_scenes import block_filling, sand_problem
 
@@ -83,6 +84,13 @@ def collapse(**simulation):
     return block_filling((0, 0, 0), (0.5, 0.25, 0.75), particle_spacing=0.0625, size=(3.0, 0.25)), problem.model_copy(
         update={"simulation": settings}
     )
+
+
+def test_the_cells_across_the_mass_are_reported(tmp_path):
+    filling, problem = column(duration=0.02)
+    context = fresh_context(tmp_path)
+    list(ReferenceSolver().solve(filling, problem, context))
+    assert context.figures["cells_across_thickness"] == pytest.approx(HEIGHT / 0.25)
 
 
 def test_adaptive_steps_change_little_but_their_number(tmp_path):

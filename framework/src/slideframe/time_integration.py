@@ -11,7 +11,7 @@ import numpy.typing as npt
 from slideframe.arrays import Float64Array
 from slideframe.checkpoint import Checkpoints, State
 from slideframe.guards import Pace, check_motion, start_frame
-from slideframe.initial_stress import geostatic_strain
+from slideframe.initial_stress import depths, geostatic_strain
 from slideframe.problem import Grid, SimulationProblem, Vector
 from slideframe.products import Filling, ParticleFrame
 from slideframe.stages import Context
@@ -113,6 +113,7 @@ class March:
             pace.resume(int(found[1]["substeps"]))
             found = None  # its arrays
         else:
+            self._report_resolution()
             self._build_up_stress(stepper)
             yield self._start(stepper)
         for frame in range(first, simulation.frame_count):
@@ -140,6 +141,14 @@ class March:
         stressed = stepper.frame(0.0)
         fields = ("mean_stresses", "deviatoric_stresses")
         return start.model_copy(update={name: getattr(stressed, name) for name in fields})
+
+    def _report_resolution(self) -> None:
+        """Report how many cells lie across the mass where it's thickest, along gravity: six or more serve."""
+        gravity = np.array(self.problem.simulation.gravity)
+        if strength := float(np.linalg.norm(gravity)):
+            simulation = self.problem.simulation
+            thickness = float(depths(self.filling, -gravity / strength).max()) + simulation.particle_spacing / 2
+            self.context.figure("cells_across_thickness", thickness / simulation.grid_spacing)
 
     def _first_step(self) -> float:
         self.speed = float(np.abs(self.filling.start_velocities()).max())
