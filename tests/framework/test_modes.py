@@ -129,3 +129,4 @@ def test_the_template_of_init_is_sound(tmp_path):
     assert main(["init", str(tmp_path / "site.toml"), "--photographs", str(tmp_path)]) == 0
     config = read_config(RunOptions(config=tmp_path / "site.toml"))
     assert (config.mode, config.boundary.terrain.friction_angle) == ("engineering", config.material.friction_angle)
+    assert read_config(RunOptions(config=tmp_path / "site.toml", mode="paper")).material.kind == "sand"
