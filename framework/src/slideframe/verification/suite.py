@@ -10,6 +10,7 @@ from slideframe.verification import (
     collapse,
     conservation,
     contact,
+    dam_break,
     elastic,
     elements,
     ground_slopes,
@@ -37,6 +38,7 @@ CASES: tuple[Case, ...] = (
     *ground_slopes.CASES,
     *collapse.CASES,
     *incline_collapse.CASES,
+    *dam_break.CASES,
     *aluminium_bars.CASES,
 )
 
