@@ -360,6 +360,39 @@ def test_positions_of_some_metres_leave_the_tilt_to_the_gimbal(run) -> None:
     assert str(appraise(survey).verdict).startswith("fly again")
 
 
+def test_heights_of_another_level_count_for_little(run) -> None:
+    """The second half has no RTK and heights above the sea, 48 m lower: below the ground."""
+    known = KnownSurvey()
+    none = {"RtkFlag": "0", "AltitudeType": "GpsFusionAlt", "RtkStdLon": "", "RtkStdLat": "", "RtkStdHgt": ""}
+    for index in range(10, known.count):
+        known.stated_positions[index, 2] -= 48.0
+        known.values[index] = none
+    survey, context = run(known)
+    assert len(survey.photographs) == known.count
+    assert known.centre_error(survey).max() < 2 * CENTRE
+    assert np.median(known.angle_error(survey)) < ANGLE
+    warning = next(text for text in context.warnings if "GpsFusionAlt" in text)
+    assert "10 of 20 photographs have heights on a level that the file doesn't state" in warning
+    assert "10.jpg" in warning
+
+
+@pytest.mark.parametrize("offset", [[1.0, -0.8, 1.5], [0.0, 0.0, -48.0]], ids=["base station", "datum"])
+def test_flights_on_two_datums_are_brought_together(run, offset: list[float]) -> None:
+    """Both claim fixed positions of a centimetre, and one of them is wrong: nothing says which."""
+    known = KnownSurvey()
+    late = np.arange(known.count) >= known.count // 2
+    known.stated_positions[late] += offset
+    known.times = [time + timedelta(minutes=10) * bool(second) for time, second in zip(known.times, late, strict=True)]
+    survey, context = run(known)
+    assert known.centre_error(survey).max() < 2 * CENTRE, "where the first flight has it"
+    assert np.median(known.angle_error(survey)) < ANGLE
+    (warning,) = (text for text in context.warnings if "moved by" in text)
+    assert "the positions of flight 2 (10 photographs)" in warning
+    east, north, up = (float(number) for number in warning.partition("moved by ")[2].split(" m (")[0].split(","))
+    np.testing.assert_allclose([east, north, up], -np.array(offset), atol=0.1)
+    assert "10 positions contradict the others" in str(appraise(survey).verdict)
+
+
 def test_a_single_strip_is_levelled_by_the_gimbal(run) -> None:
     """Three positions on one line leave the turn about it open: 25 degrees."""
     known = KnownSurvey(count=3)

@@ -40,7 +40,8 @@ def settle_altitudes(records: Sequence[PhotoRecord], rules: AltitudeRules, conte
     """Return the records with ellipsoidal heights where that can be said, and doubtful ones where levels mix.
 
     Nothing is guessed: without the user's word, heights on other levels stay as they are, named in a
-    warning, and where levels mix, those not ellipsoidal lose their weight.
+    warning. Where levels mix, those not ellipsoidal lose their weight, and start from where the heights above take-off
+    put them, for an adjustment can't begin with cameras below the ground.
 
     Raises:
         InputError: the geoid grid can't be used at a photograph's place, or levels mix and mustn't.
@@ -53,7 +54,25 @@ def settle_altitudes(records: Sequence[PhotoRecord], rules: AltitudeRules, conte
     _warn_of_levels(settled, context)
     if len(kinds) < 2:
         return settled
-    return [record if record.altitude_kind == "ellipsoidal" else _doubted(record) for record in settled]
+    steps = {kind: _step_to_ellipsoid(settled, kind) for kind in kinds}
+    return [
+        record if record.altitude_kind == "ellipsoidal" else _doubted(record, steps[record.altitude_kind])
+        for record in settled
+    ]
+
+
+def _step_to_ellipsoid(records: Sequence[PhotoRecord], kind: AltitudeKind) -> float:
+    """Return how much higher ellipsoidal heights put the place of take-off than those of a kind, m; 0 if unknown."""
+    places = []
+    for level in ("ellipsoidal", kind):
+        take_off = [
+            record.height - record.height_above_takeoff
+            for record in records
+            if record.altitude_kind == level and record.height is not None and record.height_above_takeoff is not None
+        ]
+        places.append(float(np.median(take_off)) if take_off else None)
+    first, second = places
+    return 0.0 if first is None or second is None else first - second
 
 
 def _as_told(record: PhotoRecord, rules: AltitudeRules) -> PhotoRecord:
@@ -85,7 +104,7 @@ def _warn_of_levels(records: Sequence[PhotoRecord], context: Context) -> None:
         those = [record for record in records if record.altitude_kind == kind]
         words = ", ".join(sorted({record.altitude_words for record in those} - {""}))
         consequence = (
-            "beside heights on other levels, theirs count for little"
+            "beside heights on other levels, theirs count for little, and start from those above take-off"
             if len(kinds) > 1
             else "the survey's own shape doesn't suffer, its absolute height may be tens of metres off"
         )
@@ -106,7 +125,9 @@ def _mixed(records: Sequence[PhotoRecord]) -> InputError:
     )
 
 
-def _doubted(record: PhotoRecord) -> PhotoRecord:
+def _doubted(record: PhotoRecord, step: float) -> PhotoRecord:
+    assert record.height is not None
     (east, ne, _), (_, north, _), (_, _, up) = record.covariance
     up = max(up, UNDULATION_SIGMA**2)
-    return record.model_copy(update={"covariance": ((east, ne, 0.0), (ne, north, 0.0), (0.0, 0.0, up))})
+    covariance = ((east, ne, 0.0), (ne, north, 0.0), (0.0, 0.0, up))
+    return record.model_copy(update={"covariance": covariance, "height": record.height + step})

@@ -26,6 +26,7 @@ from slideframe_pose_rtk.intake import require_enough
 from slideframe_pose_rtk.lens import camera_from_lens
 from slideframe_pose_rtk.levelling import levelling
 from slideframe_pose_rtk.naming import names
+from slideframe_pose_rtk.offsets import by_trust, centre_offsets, ground_offsets, moved, warn_of_offsets
 from slideframe_pose_rtk.placing import poses_from_metadata
 from slideframe_pose_rtk.resection import resect
 from slideframe_pose_rtk.sessions import Session
@@ -113,7 +114,9 @@ def solve_by_refinement(found: Correspondences) -> Solution:
     Raises:
         InputError: fewer than three photographs can be registered.
     """
-    flight, context = found.flight, found.context
+    context, stated = found.context, found.flight
+    found = _with_one_datum(found)
+    flight = found.flight
     lenses, poses, trust = list(found.lenses), metadata_poses(flight), Trust()
     rounds = accepted_pixels(flight)
     for number, accepted in enumerate(rounds):
@@ -122,6 +125,8 @@ def solve_by_refinement(found: Correspondences) -> Solution:
         fixed = add_control(reconstruction, found.targets, found.target_rows) if number else []
         _adjust(found, reconstruction, HELD if number == 0 else found.freedom, accepted, fixed)
         if number == len(rounds) - 1:
+            flight = moved(flight, centre_offsets(flight, poses_of(reconstruction), by_trust(flight, found.sessions)))
+            found = dataclasses.replace(found, flight=flight)
             trust = _settle(found, reconstruction, accepted, fixed)
             level = None if fixed else levelling(flight, poses_of(reconstruction), trust, context)
             if level is not None:
@@ -141,6 +146,7 @@ def solve_by_refinement(found: Correspondences) -> Solution:
         error = float(reconstruction.compute_mean_reprojection_error())
         context.progress(0.7 + 0.3 * (number + 1) / len(rounds), 1.0, reprojection_error_px=error)
     require_enough(len(poses), "that can be registered", flight.folder)
+    warn_of_offsets(stated, flight, found.sessions, context)
     warn_of_positions(flight, poses, trust, context)
     cameras, camera_of = tuple(camera_from_lens(lens) for lens in lenses), dict(enumerate(flight.camera_of))
     return Solution(
@@ -155,6 +161,27 @@ def solve_by_refinement(found: Correspondences) -> Solution:
         sigma_scale=trust.sigma_scale,
         origin="adjusted",
     )
+
+
+def _with_one_datum(found: Correspondences) -> Correspondences:
+    """Return the same with flights moved whose positions lie apart from those of the best flight as a whole.
+
+    Each flight's points are found from its own photographs, at metadata's poses, adjusted with their positions.
+    """
+    flight, sessions = found.flight, by_trust(found.flight, found.sessions)
+    if len(sessions) < 2:
+        return found
+    accepted, poses = accepted_pixels(flight)[0], metadata_poses(flight)
+    blocks = []
+    for session in sessions:
+        own = {index: poses[index] for index in session.indices.tolist() if index in poses}
+        block = found.triangulate(found.lenses, own, accepted)
+        if block.num_points3D():
+            _adjust(found, block, HELD, accepted, [])
+            blocks.append((session, block))
+    if len(blocks) < 2:
+        return found
+    return dataclasses.replace(found, flight=moved(flight, ground_offsets(flight, blocks, found.matches)))
 
 
 def _settle(
