@@ -1,11 +1,11 @@
 """What filling a region costs and how good it is.
 
-    python benchmarks/filling.py scene RUN_FOLDER [--modes engineering paper] [--truth GROUND_TRUTH_FOLDER]
+    python benchmarks/filling.py scene RUN_FOLDER [--modes engineering paper]
     python benchmarks/filling.py scaling [--splats N ...] [--particles N ...]
 
-`scene` fills the region of a finished run and compares: the surface with the true terrain where it is
-known (the demo survey keeps its own in `ground_truth`), and what the survey's cameras see at t = 0 with the
-photographs: the scan alone, then with all inferred splats drawn, as if nothing hid them, then as the film does.
+`scene` fills the region of a finished run and compares: the surface with the reference ground that the run's config
+names (the demo's is its true ground), and what the survey's cameras see at t = 0 with the photographs: the scan
+alone, then with all inferred splats drawn, as if nothing hid them, then as the film does.
 
 `scaling` fills a synthetic hillside, each size in a process of its own, and fits time = a N^b.
 """
@@ -27,11 +27,11 @@ from machine import print_machine
 
 from slideframe.config import RunConfig
 from slideframe.coupling import Coupling
-from slideframe.demo.grid import GroundGrid
 from slideframe.device import Device
 from slideframe.photographs import load_photograph
 from slideframe.problem import BoxRegion, FillingProblem
 from slideframe.products import Camera, Filling, Georeference, ParticleFrame, Photograph, SplatCloud, Survey
+from slideframe.quality.surface import compare_surface
 from slideframe.release.plan import plan_of
 from slideframe.stages import Context
 from slideframe.store import Store
@@ -42,7 +42,7 @@ WIDTH = 640  # px
 BACKGROUND = (0.62, 0.74, 0.86)
 PARTS = ("choose splats", "mesh, slip surface", "cut, particles", "interior splats", "scar, coupling", "trim, check")
 FIGURES = ("region_volume_m3", "plan_area_m2", "mean_depth_m", "maximum_depth_m", "volume_rescaling_percent",
-           "observed_share", "interpolated_share", "extrapolated_share", "splat_spacing_m", "particles")  # fmt: skip
+           "standing_share", "observed_share", "interpolated_share", "extrapolated_share", "splat_spacing_m", "particles")  # fmt: skip
 
 
 def fill(survey: Survey, splats: SplatCloud, problem: FillingProblem, **options: Any) -> tuple[Filling, Context, list]:
@@ -58,7 +58,7 @@ def fill(survey: Survey, splats: SplatCloud, problem: FillingProblem, **options:
     return filling, context, np.diff(np.array(marks), axis=0)
 
 
-def scene(run: Path, modes: list[str], truth: Path | None) -> None:
+def scene(run: Path, modes: list[str]) -> None:
     config = RunConfig.model_validate(tomllib.loads((run / "run.toml").read_text()))
     keys, store = json.loads((run / "result.json").read_text())["keys"], Store(run.parent / "store")
     survey = store.entry("pose_source", keys["pose_source"]).read(Survey)
@@ -77,24 +77,17 @@ def scene(run: Path, modes: list[str], truth: Path | None) -> None:
         )
         print(f"{seconds[:, 0].sum():.1f} s wall, {seconds[:, 1].sum():.1f} s CPU")
     print("; ".join(f"{name} {context.figures[name]:.5g}" for name in FIGURES))
-    if truth:
-        compare_with_truth(filling, context, plan_of(config.region, survey.georeference), truth)
+    if config.reference_ground is not None:
+        compare_with_reference(filling, context, config, survey)
 
 
-def compare_with_truth(filling: Filling, context: Context, plan: Any, truth: Path) -> None:
-    """Print how far the surface is from the true terrain straight below or above it, inside the region."""
-    with np.load(truth / "terrain.npz") as known:
-        x, y, heights = known["x"], known["y"], known["heights"]
-    spacing = x[1] - x[0]
-    grid = GroundGrid(float(spacing), len(x))
-    vertices = filling.surface_vertices
-    inside = plan.contains(vertices[:, 0], vertices[:, 1])
-    east, north = (vertices[inside, axis] - np.float32((axes[0] + axes[-1]) / 2) for axis, axes in ((0, x), (1, y)))
-    gap = vertices[inside, 2] - grid.lookup(heights, east, north)
-    rmse, spacing = float(np.sqrt(np.mean(gap**2))), context.figures["splat_spacing_m"]
-    print(f"surface against truth, {inside.sum()} vertices inside: RMSE {rmse:.4f} m", end="")
-    print(f" = {rmse / spacing:.2f} splat spacings (at most 0.5 wanted), median {np.median(gap):+.4f} m, ", end="")
-    print(f"95 % within {np.percentile(np.abs(gap), 95):.3f} m")
+def compare_with_reference(filling: Filling, context: Context, config: RunConfig, survey: Survey) -> None:
+    """Print how far the surface is from the reference ground inside the region, as `slideframe run` reports it."""
+    plan = plan_of(config.region, survey.georeference)
+    figures = compare_surface(filling, plan, config.reference_ground, survey.georeference).figures(
+        context.figures["splat_spacing_m"]
+    )
+    print("surface against reference: " + "; ".join(f"{name} {value:.4f}" for name, value in figures.items()))
 
 
 def at_rest(splats: SplatCloud, filling: Filling) -> SplatCloud:
@@ -203,7 +196,6 @@ def main() -> None:
     of_scene = commands.add_parser("scene")
     of_scene.add_argument("run", type=Path)
     of_scene.add_argument("--modes", nargs="+", default=["engineering", "paper"])
-    of_scene.add_argument("--truth", type=Path)
     of_scaling = commands.add_parser("scaling")
     of_scaling.add_argument("--splats", type=int, nargs="*", default=[10_000, 100_000, 1_000_000, 5_000_000])
     of_scaling.add_argument("--particles", type=int, nargs="*", default=[100_000, 1_000_000, 10_000_000])
@@ -214,7 +206,7 @@ def main() -> None:
         return one(*arguments.counts)
     print_machine("slideframe", "slideframe-fill-poisson", "open3d", "manifold3d")
     if arguments.command == "scene":
-        return scene(arguments.run, arguments.modes, arguments.truth)
+        return scene(arguments.run, arguments.modes)
     return scaling(arguments.splats, arguments.particles)
 
 

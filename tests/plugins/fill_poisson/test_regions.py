@@ -114,9 +114,10 @@ def test_open_mesh_is_refused_with_its_place(filled, tmp_path):
         (BoxRegion(**SIDES, base=FlatBase(z_min=30)), "no soil lies between the base 30.00 m"),
         (BoxRegion(**SIDES, base=PlaneBase(points=[(0, 0, 9), (1, 0, 9), (0, 1, 9.6)])), "no soil lies between"),
         (BoxRegion(**SIDES, base=DepthBase(depth=0.0005)), "too thin for particles 0.3 m apart"),
+        (BoxRegion(**SIDES, base=DepthBase(depth=0.05)), "too thin for particles 0.3 m apart"),
         (BoxRegion(x_min=0, x_max=0.02, y_min=0, y_max=0.02, z_min=0), "too few splats stand over the region"),
     ],
-    ids=["flat base above", "plane above", "zero thickness", "too small"],
+    ids=["flat base above", "plane above", "zero thickness", "a sixth of a particle", "too small"],
 )
 def test_regions_without_a_mass(filled, region, what):
     with pytest.raises(ConfigurationError, match=what) as caught:

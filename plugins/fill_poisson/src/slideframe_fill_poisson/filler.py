@@ -19,7 +19,15 @@ from slideframe.release.slip_surface import release_grid
 from slideframe.stages import Context, VolumeFiller
 from slideframe_fill_poisson.appearance import SoilColors
 from slideframe_fill_poisson.coupling import STAYS, Standing, carriers
-from slideframe_fill_poisson.excavation import closed_room, excavate, ground_of, room_above, room_of, soil_body
+from slideframe_fill_poisson.excavation import (
+    Excavation,
+    closed_room,
+    excavate,
+    ground_of,
+    room_above,
+    room_of,
+    soil_body,
+)
 from slideframe_fill_poisson.interior import Mode, interior_splats
 from slideframe_fill_poisson.lattice import Lattice
 from slideframe_fill_poisson.photographed import photographed_colors
@@ -52,6 +60,7 @@ from slideframe_fill_poisson.surface import (
 LEAST_SUPPORT = 100  # splats; fewer don't make a surface
 STEPS = 6
 RESCALING_TO_TELL = 0.03
+RESCALING_TO_REFUSE = 2.0  # a mass of which particles find less than half is thinner than they are wide
 GROUND_SPACINGS = 1.5
 SUSPECTED_WIDTH = 8.0  # m: of trees, looked for to tell of them
 STANDING_TO_TELL = 0.02
@@ -131,22 +140,16 @@ class PoissonFiller(VolumeFiller):
 
     def fill(self, survey: Survey, splats: SplatCloud, problem: FillingProblem, context: Context) -> Filling:
         """Return the soil of the region, one particle to a lattice cell, what rides on it, and what stays."""
-        region, spacing = problem.region, problem.particle_spacing
-        plan = plan_of(region, survey.georeference)
+        plan, spacing = plan_of(problem.region, survey.georeference), problem.particle_spacing
         context.progress(0, STEPS)
         support = self._support(survey, splats, plan, context)
         context.progress(1, STEPS, support_splats=len(support.centers))
         soil, grid = self._ground(support, plan, problem, survey.georeference)
         ground = ground_of(soil)
         surface = Surface(ground.vertices.astype(np.float32), ground.triangles)
-        for name, value in grid.figures.items():
-            context.figure(name, value)
         context.progress(2, STEPS, vertices=len(surface.vertices))
         self._report_support(surface, support, plan, spacing, splats, context)
-        top = float(ground.vertices[:, 2].max())
-        room = room_of(region, survey.georeference) if isinstance(region, MeshRegion) else room_above(grid, plan, top)
-        pit = excavate(soil, room)
-        require_mass(pit.mass, region, plan, grid, problem.particle_spacing)
+        pit = _pit(soil, float(ground.vertices[:, 2].max()), problem, plan, grid, survey.georeference, context)
         bounds = _bounds(plan, pit.mass)
         positions, volumes = _particles(pit.mass, Lattice(bounds, spacing), self.placement, context)
         context.progress(3, STEPS, particles=len(positions))
@@ -154,15 +157,15 @@ class PoissonFiller(VolumeFiller):
         body = _body(soil.mesh())
         interior = interior_splats(positions, surface, body, spacing, self.mode, self.interior_opacity, colors)
         context.progress(4, STEPS)
-        scar = scar_splats(
-            pit.terrain.only(pit.terrain.origins != GROUND), surface, body, support.spacing, spacing, colors
-        )
+        bare = pit.terrain.only(pit.terrain.origins != GROUND)
+        scar = scar_splats(bare, surface, body, support.spacing, spacing, colors)
         moving = carriers(splats, positions, surface, plan, grid, spacing, self._moving_height(support))
         context.figure("moving_splats", int((moving != STAYS).sum()))
         context.progress(5, STEPS)
         shown, classes = _trimmed(ground, support, self._limits(support))
         terrain, _ = _trimmed(pit.terrain, support, self._limits(support))
-        filling = Filling(
+        context.progress(STEPS, STEPS)
+        return Filling(
             bounds=bounds,
             particle_positions=positions,
             particle_volumes=volumes,
@@ -176,8 +179,6 @@ class PoissonFiller(VolumeFiller):
             terrain_triangles=terrain.triangles,
             scar=scar,
         )
-        context.progress(STEPS, STEPS)
-        return filling
 
     def _colors(
         self,
@@ -281,6 +282,25 @@ class PoissonFiller(VolumeFiller):
             context.warn(f"{1 - meshed.mean():.1%} of the region has no surface and was left without soil")
 
 
+def _pit(
+    soil: Solid,
+    top: float,
+    problem: FillingProblem,
+    plan: Plan,
+    grid: ReleaseGrid,
+    georeference: Georeference,
+    context: Context,
+) -> Excavation:
+    """Cut the mass out of the soil, which reaches up to `top` metres, or say why there is none."""
+    for name, value in grid.figures.items():
+        context.figure(name, value)
+    region = problem.region
+    room = room_of(region, georeference) if isinstance(region, MeshRegion) else room_above(grid, plan, top)
+    pit = excavate(soil, room)
+    require_mass(pit.mass, region, plan, grid, problem.particle_spacing)
+    return pit
+
+
 def _particles(
     mass: Solid, lattice: Lattice, placement: Placement, context: Context
 ) -> tuple[Float32Array, Float32Array]:
@@ -292,6 +312,8 @@ def _particles(
         raise too_thin(mass.volume, lattice.spacing)
     area = mass.plan_area()
     share = mass.volume / float(volumes.sum(dtype=np.float64))
+    if share > RESCALING_TO_REFUSE:
+        raise too_thin(mass.volume, lattice.spacing)
     context.figure("region_volume_m3", mass.volume)
     context.figure("plan_area_m2", area)
     context.figure("mean_depth_m", mass.volume / area)
