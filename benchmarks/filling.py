@@ -42,7 +42,8 @@ WIDTH = 640  # px
 BACKGROUND = (0.62, 0.74, 0.86)
 PARTS = ("choose splats", "mesh, slip surface", "cut, particles", "interior splats", "scar, coupling", "trim, check")
 FIGURES = ("region_volume_m3", "plan_area_m2", "mean_depth_m", "maximum_depth_m", "volume_rescaling_percent",
-           "standing_share", "observed_share", "interpolated_share", "extrapolated_share", "splat_spacing_m", "particles")  # fmt: skip
+           "standing_share", "observed_share", "interpolated_share", "extrapolated_share", "splat_spacing_m",
+           "particles")  # fmt: skip
 
 
 def fill(survey: Survey, splats: SplatCloud, problem: FillingProblem, **options: Any) -> tuple[Filling, Context, list]:

@@ -8,7 +8,7 @@ from slideframe.products import Filling, Georeference, SplatCloud
 from slideframe.quality.surface import SurfaceComparison
 from slideframe.record import Recording, log_bodies, log_filling
 from slideframe.record.section import Profile, draw_section
-from slideframe.record.volume import SUPPORT_COLORS, slip_faces
+from slideframe.record.volume import SUPPORT_COLORS, on_fences, slip_faces
 from slideframe.release.plan import Plan
 from slideframe.verification.terrain import slab
 
@@ -126,6 +126,24 @@ def test_numbers_and_map_tell_of_the_reference_ground(filling, tmp_path):
         assert row in text
     assert "surface around the mass" not in text  # the filler's own shares stand for it
     assert "volume/difference" in logged
+
+
+def test_fences_open_the_view_into_the_mass(filling):
+    """Upright planes down and across the slope: from the air one sees between them."""
+    axis = np.arange(-4.75, 5, 0.5)
+    x, y, z = (grid.ravel() for grid in np.meshgrid(axis, axis, np.arange(-3.75, 0, 0.5)))
+    block = filling.model_copy(
+        update={
+            "particle_positions": np.column_stack([x, y, z + 0.5 * y]).astype(np.float32),
+            "particle_volumes": np.full(x.size, 0.125, np.float32),
+            "surface_particles": np.zeros(0, np.int32),
+        }
+    )
+    fence = on_fences(block)
+    assert 0.3 < fence.mean() < 0.8
+    columns = {tuple(place) for place in block.particle_positions[fence][:, :2].tolist()}
+    assert fence.sum() == len(columns) * 8  # whole columns, from the top to the bottom
+    assert not any(abs(east) < 1 and abs(north) < 1 for east, north in columns)
 
 
 def test_a_filling_without_surface_or_terrain_is_recorded_too(filling, tmp_path):

@@ -41,7 +41,7 @@ def blueprint(eye: Eye | None, active_tab: int = 0, compared: bool = False, stre
                 rrb.Tabs(
                     space("Surface", "/volume/surface", "/volume/outline"),
                     space("Slip surface", "/volume/slip_surface", "/volume/outline"),
-                    space("Depth", "/volume/by_depth", "/volume/slip_surface", "/volume/outline"),
+                    space("Depth", "/volume/by_depth", "/volume/outline"),
                     space("Observed and inferred", "/volume/by_origin", "/volume/outline"),
                     *difference,
                 ),

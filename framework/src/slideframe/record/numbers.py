@@ -40,7 +40,7 @@ def numbers_table(filling: Filling, depth: Float64Array, figures: Mapping[str, A
     rows += [(name, form.format(figures[figure])) for figure, name, form in MEASURED if figure in figures]
     rows += [
         ("mean depth of the soil below ground", f"{np.average(depth, weights=volumes):.2f} m"),
-        ("greatest depth of a particle", f"{depth.max(initial=0):.2f} m"),
+        ("greatest depth of a particle (red; yellow: half; blue: none)", f"{depth.max(initial=0):.2f} m"),
         ("particles", f"{len(volumes):,}, {spacing_of(filling):.3g} m apart"),
         ("observed splats that move", f"{int((filling.surface_particles >= 0).sum()):,}"),
         ("inferred splats inside / on the slip surface", f"{len(filling.interior):,} / {len(filling.scar):,}"),

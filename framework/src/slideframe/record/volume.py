@@ -25,6 +25,8 @@ OUTLINE_COLOR = (240, 240, 240)
 SLIP_SURFACE_COLOR = (150, 80, 60)
 MOST_NODES = 400_000
 SECTION_STEPS = 400
+FENCES = (0.02, 0.35, 0.65, 0.98)  # where upright planes of particles stand, in shares of the mass's extent
+FENCE_WIDTH = 1.5  # particle spacings
 LIFT = 0.15  # m by which the outline floats over the ground
 
 
@@ -135,12 +137,13 @@ def slip_faces(filling: Filling, plan: Plan) -> npt.NDArray[np.int32]:
 
 
 def _log_particles(stream: rr.RecordingStream, filling: Filling, heights: _Heights) -> Float64Array:
-    """Log the particles twice, by depth and by what of them was seen, and return their depths (particle,), m."""
+    """Log particles of a fence diagram by depth and by what of them was seen; return all depths (particle,), m."""
     positions = filling.particle_positions
     ground = heights.at(heights.before, positions[:, 0], positions[:, 1])
     depth = np.maximum(np.nan_to_num(ground - positions[:, 2]), 0)
-    drawn = thinned(len(positions), DRAWN_SPLATS // 2)
-    radius = 0.3 * spacing_of(filling)
+    fence = np.flatnonzero(on_fences(filling))
+    drawn = fence[thinned(len(fence), DRAWN_SPLATS // 2)]
+    radius = 0.5 * spacing_of(filling)
     share = depth[drawn] / max(float(depth.max(initial=0)), 1e-6)
     stream.log("volume/by_depth", rr.Points3D(positions[drawn], colors=heat(share), radii=radius), static=True)
     carried = np.zeros(len(positions), bool)
@@ -148,6 +151,23 @@ def _log_particles(stream: rr.RecordingStream, filling: Filling, heights: _Heigh
     colors = np.where(carried[drawn, None], OBSERVED_COLOR, INFERRED_COLOR).astype(np.uint8)
     stream.log("volume/by_origin", rr.Points3D(positions[drawn], colors=colors, radii=radius), static=True)
     return depth
+
+
+def on_fences(filling: Filling) -> npt.NDArray[np.bool_]:
+    """Tell which particles stand on a few upright planes down and across the slope (particle,).
+
+    All particles together would show their outermost layer alone.
+    """
+    positions = filling.particle_positions[:, :2].astype(np.float64)
+    start, end = _section_line(filling)
+    down = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
+    chosen = np.zeros(len(positions), bool)
+    for way in (down, np.array([-down[1], down[0]])):
+        along = positions @ way
+        for share in FENCES:
+            place = along.min() + share * np.ptp(along)
+            chosen |= np.abs(along - place) <= FENCE_WIDTH / 2 * spacing_of(filling)
+    return chosen
 
 
 def _log_section(stream: rr.RecordingStream, filling: Filling, heights: _Heights) -> None:
