@@ -71,12 +71,12 @@ def test_what_is_given_wins():
         "paper",
         material={"density": 1700.0},
         boundary={"floor": {"kind": "friction", "friction_angle": 30.0}, "terrain": {"kind": "stick"}},
-        simulation={"initial_stress": "k0"},
+        simulation={"initial_stress": "k0", "transfer": {"kind": "asflip"}},
         plugins={"fill_poisson": {"color_neighbours": 8}},
     )
     assert (config.material.density, config.material.friction_angle) == (1700.0, 22.0)
     assert (config.boundary.floor.friction_angle, config.boundary.terrain.kind) == (30.0, "stick")
-    assert config.simulation.initial_stress == "k0"
+    assert (config.simulation.initial_stress, config.simulation.transfer.kind) == ("k0", "asflip")
     assert config.plugins["fill_poisson"]["color_neighbours"] == 8
     assert config.plugins["fill_poisson"]["mode"] == "paper"
 

@@ -80,6 +80,7 @@ def _paper() -> Table:
         "simulation": {
             "gravity": [0.0, 0.0, -9.8],
             "particles_per_cell": 8,
+            "transfer": {"kind": "apic"},
             "initial_stress": "none",
             "stop": "duration",
         },
@@ -109,6 +110,7 @@ def _engineering(content: Mapping[str, Any]) -> Table:
         "simulation": {
             "gravity": [0.0, 0.0, -9.81],
             "particles_per_cell": 8,
+            "transfer": {"kind": "apic"},
             "initial_stress": "ramp",
             "stop": "rest",
         },
