@@ -136,7 +136,7 @@ def test_a_backend_for_another_device_is_refused():
         rasterize(*scene(), camera=CAMERA, world_from_camera=POSE, backend="gsplat")
 
 
-def test_a_card_without_a_compiler_draws_with_warp(monkeypatch):
+def test_a_card_without_a_compiler_draws_with_warp_and_says_why(monkeypatch, caplog):
     def lacking(device: torch.device) -> None:
         raise RuntimeError("no nvcc")
 
@@ -145,6 +145,7 @@ def test_a_card_without_a_compiler_draws_with_warp(monkeypatch):
     monkeypatch.setattr("slideframe_gs_torch.gsplat_backend.draw_one_splat", lacking)
     backends.gsplat_works.cache_clear()
     assert backends.choose_backend(card) == "warp"
+    assert "RuntimeError: no nvcc" in caplog.text
     backends.gsplat_works.cache_clear()
     monkeypatch.setattr("slideframe_gs_torch.gsplat_backend.draw_one_splat", lambda device: None)
     assert backends.choose_backend(card) == "gsplat"

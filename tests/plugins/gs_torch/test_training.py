@@ -189,6 +189,93 @@ def test_numbers_that_are_none_are_named(flight, tmp_path, monkeypatch):
         OPTIONS.reconstruct(flight, context(tmp_path))
 
 
+def test_photographs_of_which_masks_leave_nothing_are_left_out(flight, tmp_path):
+    Image.new("L", (96, 72), 0).save(tmp_path / "nothing.png")
+    hidden = [photo.model_copy(update={"mask": tmp_path / "nothing.png"}) for photo in flight.photographs]
+    short = OPTIONS.model_copy(update={"iterations": 5})
+    some = flight.model_copy(update={"photographs": (*hidden[:2], *flight.photographs[2:])})
+    surroundings = context(tmp_path / "some")
+    short.reconstruct(some, surroundings)
+    assert [warning[:18] for warning in surroundings.warnings] == ["1.png is left out:", "0.png is left out:"]
+    assert set(surroundings.figures["held_out_psnr_db_by_photograph"]) == {"5.png"}
+    with pytest.raises(InputError, match=r"(?s)nothing of any photograph.*1\.png.*masks"):
+        short.reconstruct(flight.model_copy(update={"photographs": tuple(hidden)}), context(tmp_path / "none"))
+
+
+def test_a_false_pose_among_good_ones_is_named(flight, tmp_path):
+    poses = flight.world_from_camera.copy()
+    poses[3, :, 3] += [1.5, 1.0, 0]
+    surroundings = context(tmp_path)
+    OPTIONS.reconstruct(flight.model_copy(update={"world_from_camera": poses}), surroundings)
+    # those that share ground with it alone may suffer, less
+    assert surroundings.warnings[0].startswith("3.png")
+    assert "its pose may be false" in surroundings.warnings[0]
+    assert len(surroundings.warnings) <= 2
+
+
+@pytest.mark.parametrize("kind", ["black", "identical", "one pixel", "no points"])
+def test_photographs_that_say_little_train_to_splats_or_a_clear_error(kind, flight, tmp_path):
+    update = {"photographs": flight.photographs, "world_from_camera": flight.world_from_camera}
+    if kind == "black":
+        Image.new("RGB", (96, 72)).save(tmp_path / "black.png")
+        path = {"path": tmp_path / "black.png"}
+        update["photographs"] = tuple(photo.model_copy(update=path) for photo in flight.photographs)
+    elif kind == "identical":
+        update["photographs"] = flight.photographs[:1] * len(flight.photographs)
+        update["world_from_camera"] = np.repeat(flight.world_from_camera[:1], len(flight.photographs), axis=0)
+    elif kind == "one pixel":
+        Image.new("RGB", (1, 1), "green").save(tmp_path / "green.png")
+        path = {"path": tmp_path / "green.png"}
+        update["photographs"] = tuple(photo.model_copy(update=path) for photo in flight.photographs)
+        update["cameras"] = (Camera(width=1, height=1, focal_x=1, focal_y=1, principal_x=0.5, principal_y=0.5),)
+    else:
+        update |= {name: getattr(flight, name)[:0] for name in ("sparse_points", "sparse_colors", "sparse_errors")}
+    splats = OPTIONS.model_copy(update={"iterations": 20, "background": None}).reconstruct(
+        flight.model_copy(update=update), context(tmp_path / "out")
+    )
+    assert len(splats) > 0
+    assert np.isfinite(splats.centers).all()
+    assert np.isfinite(splats.harmonics).all()
+
+
+def test_a_disk_without_room_for_checkpoints_costs_these_alone(flight, tmp_path, monkeypatch):
+    def full(*arguments):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(torch, "save", full)
+    monkeypatch.setattr(training, "CHECKPOINT_EVERY", 2)
+    surroundings = context(tmp_path)
+    splats = OPTIONS.model_copy(update={"iterations": 6}).reconstruct(flight, surroundings)
+    assert len(splats) > 0
+    assert len(surroundings.warnings) == 1
+    assert "No space left" in surroundings.warnings[0]
+    assert str(tmp_path) in surroundings.warnings[0]
+
+
+def test_no_iterations_are_refused():
+    with pytest.raises(ValueError, match="iterations"):
+        TorchSplats(iterations=0)
+
+
+def test_a_run_cut_off_in_its_second_block_keeps_the_first(flight, tmp_path):
+    options = OPTIONS.model_copy(update={"blocks": 2, "iterations": 100})
+
+    def interrupt(done: float, total: float, figures: dict[str, float]) -> None:
+        assert total == 2 * options.iterations
+        if done > options.iterations:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        options.reconstruct(flight, context(tmp_path, on_progress=interrupt))
+    reports: list[float] = []
+    surroundings = context(tmp_path, on_progress=lambda done, total, figures: reports.append(done))
+    splats = options.reconstruct(flight, surroundings)
+    assert min(reports) > options.iterations
+    assert surroundings.figures["blocks"] == 2
+    assert surroundings.figures["splats"] == len(splats)
+    assert surroundings.figures["held_out_psnr_db"] > REACHED_PSNR_DB - 3
+
+
 def test_holding_every_photograph_out_is_refused():
     with pytest.raises(ValueError, match="every photograph"):
         TorchSplats(hold_out_every=1)

@@ -1,5 +1,6 @@
 """Which code draws: chosen by the device that the tensors are on."""
 
+import logging
 from collections.abc import Callable
 from functools import cache
 from importlib.util import find_spec
@@ -9,6 +10,8 @@ import torch
 
 from slideframe.errors import InputError, MissingDependency
 from slideframe_gs_torch.reference import PlaneDrawing, composite_exactly
+
+_log = logging.getLogger("slideframe")
 
 Backend = Literal["numba", "torch", "gsplat", "warp"]
 Draw = Callable[..., PlaneDrawing]
@@ -72,7 +75,11 @@ def gsplat_works(device: torch.device) -> bool:
 
     try:
         draw_one_splat(device)
-    except Exception:
+    except Exception as error:
         # whatever it is that it lacks: a compiler, a header, a card it knows
+        reason = next(iter(str(error).splitlines()), "")
+        _log.warning(
+            "gsplat is installed but can't draw on %s, so Warp does: %s: %s", device, type(error).__name__, reason
+        )
         return False
     return True

@@ -7,12 +7,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from slideframe.stages import Context
 from slideframe_gs_torch.exposure import Exposures
 from slideframe_gs_torch.optimiser import Adam
 from slideframe_gs_torch.parameters import Parameters
 
 FILE_NAME = "checkpoint.pt"
-NUMBERS = ("start_count", "iteration", "seconds", "curve")
+NUMBERS = ("start_count", "iteration", "settled", "seconds", "curve")
 
 
 @dataclass
@@ -26,6 +27,7 @@ class State:
         start_count: number of splats at the start.
         exposures: of the photographs shown.
         iteration: iterations done.
+        settled: whether more of them would gain little.
         seconds: time that they took.
         curve: (iteration, seconds, held-out PSNR in dB), each time that it was measured on the way.
     """
@@ -36,6 +38,7 @@ class State:
     start_count: int
     exposures: Exposures
     iteration: int = 0
+    settled: bool = False
     seconds: float = 0.0
     curve: list[tuple[int, float, float]] = field(default_factory=list)
 
@@ -54,6 +57,28 @@ def save(state: State, folder: Path) -> None:
     partial = folder / f"{FILE_NAME}.part"
     torch.save(content, partial)
     partial.replace(folder / FILE_NAME)
+
+
+class Writer:
+    """Writes checkpoints; a disk without room for them costs the checkpoints, not the training."""
+
+    def __init__(self, context: Context) -> None:
+        """Take the folder, and whom to warn."""
+        self._context, self._works = context, True
+
+    def save(self, state: State) -> None:
+        """Write the state, unless that failed before."""
+        if not self._works:
+            return
+        try:
+            save(state, self._context.scratch)
+        except (OSError, RuntimeError) as error:  # torch's writer tells of a full disk by the latter
+            self._works = False
+            reason = str(error).splitlines()[0]
+            self._context.warn(
+                f"no checkpoint could be written to {self._context.scratch} ({reason}): training goes on without, and "
+                "would start anew if it were cut off"
+            )
 
 
 def load(folder: Path) -> State | None:

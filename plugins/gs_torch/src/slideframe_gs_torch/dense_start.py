@@ -13,7 +13,7 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import cKDTree
 
 from slideframe.arrays import Float32Array, Float64Array
-from slideframe.products import Survey
+from slideframe.products import Camera, Survey
 from slideframe_gs_torch.depth_points import depth_points
 from slideframe_gs_torch.views import TrainingView
 
@@ -94,13 +94,20 @@ def points_in_empty_cells(
 
 def cells_with_points(points: Float64Array, view: TrainingView, cell: int) -> npt.NDArray[np.bool_]:
     """Tell which cells (row, column) of a view show a point."""
-    camera, pose = view.camera, view.world_from_camera
-    shape = camera.height // cell, camera.width // cell
-    local = (points - pose[:, 3]) @ pose[:, :3]
-    local = local[local[:, 2] > 0]
-    column = np.floor((camera.focal_x * local[:, 0] / local[:, 2] + camera.principal_x) / cell)
-    row = np.floor((camera.focal_y * local[:, 1] / local[:, 2] + camera.principal_y) / cell)
+    shape = view.camera.height // cell, view.camera.width // cell
+    pixels, before = pixels_of(points, view.camera, view.world_from_camera)
+    column, row = np.floor(pixels[before] / cell).T
     inside = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
     shown = np.zeros(shape, bool)
     shown[row[inside].astype(int), column[inside].astype(int)] = True
     return shown
+
+
+def pixels_of(
+    points: Float64Array, camera: Camera, world_from_camera: Float64Array
+) -> tuple[Float64Array, npt.NDArray[np.bool_]]:
+    """Return where points (point, 3) are seen without distortion (point, 2), px, and which lie before the camera."""
+    local = (points - world_from_camera[:, 3]) @ world_from_camera[:, :3]
+    depth = np.where(local[:, 2] > 0, local[:, 2], 1.0)[:, None]
+    pixels = local[:, :2] / depth * [camera.focal_x, camera.focal_y] + [camera.principal_x, camera.principal_y]
+    return pixels, local[:, 2] > 0

@@ -4,10 +4,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slideframe.products import SplatCloud
 from slideframe.stages import Context
 from slideframe_gs_torch.checkpoint import State
-from slideframe_gs_torch.evaluation import likeness
+from slideframe_gs_torch.evaluation import Likeness, likeness
 from slideframe_gs_torch.views import TrainingView
 
 if TYPE_CHECKING:
@@ -42,15 +41,14 @@ class HeldOut:
         best = max(old for _, _, old in state.curve)
         return late and bool(before) and best - max(before) < self._options.settle_gain
 
-    def report(self, splats: SplatCloud, state: State, context: Context) -> None:
-        """Report PSNR and SSIM of every view, and how PSNR grew with the seconds."""
-        if not self._views:
-            context.warn("no photograph was held out, so the likeness of the splats is not measured")
-            return
-        found = {view.name: likeness(splats, view, self._background) for view in self._views}
-        context.figure("held_out_psnr_db", float(np.mean([one.psnr for one in found.values()])))
-        context.figure("held_out_ssim", float(np.mean([one.ssim for one in found.values()])))
-        context.figure("held_out_psnr_db_exposure_fitted", float(np.mean([one.fitted_psnr for one in found.values()])))
-        context.figure("held_out_psnr_db_by_photograph", {name: one.psnr for name, one in found.items()})
-        context.figure("held_out_ssim_by_photograph", {name: one.ssim for name, one in found.items()})
-        context.figure("held_out_psnr_db_by_second", {f"{seconds:.1f}": psnr for _, seconds, psnr in state.curve})
+
+def report_held_out(found: dict[str, Likeness], context: Context) -> None:
+    """Report PSNR and SSIM of every photograph held out, by its name."""
+    if not found:
+        context.warn("no photograph was held out, so the likeness of the splats is not measured")
+        return
+    context.figure("held_out_psnr_db", float(np.mean([one.psnr for one in found.values()])))
+    context.figure("held_out_ssim", float(np.mean([one.ssim for one in found.values()])))
+    context.figure("held_out_psnr_db_exposure_fitted", float(np.mean([one.fitted_psnr for one in found.values()])))
+    context.figure("held_out_psnr_db_by_photograph", {name: one.psnr for name, one in found.items()})
+    context.figure("held_out_ssim_by_photograph", {name: one.ssim for name, one in found.items()})

@@ -33,6 +33,13 @@ class TorchSplats(Reconstructor):
         description="share of the budget that training starts with: points between the survey's sparse ones and beyond "
         "them, so that ground that few photographs show has its splats as well; 0: the sparse points alone",
     )
+    blocks: int = Field(
+        default=1,
+        ge=1,
+        le=1000,
+        description="parts of a large site, trained one after the other, each on the photographs that see it, with all "
+        "iterations and the whole budget of splats: memory is that of one",
+    )
     densification: Densification = Field(
         default="budgeted_splits",
         description="where splats are added: 'budgeted_splits' splits those that the picture pulls at most until the "
@@ -82,6 +89,6 @@ class TorchSplats(Reconstructor):
 
     def reconstruct(self, survey: Survey, context: Context) -> SplatCloud:
         """Return the splats of the scene as photographed."""
-        from slideframe_gs_torch.training import train
+        from slideframe_gs_torch.site_training import train_site
 
-        return train(self, survey, context)
+        return train_site(self, survey, context)

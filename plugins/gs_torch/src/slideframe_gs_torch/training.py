@@ -1,26 +1,25 @@
-"""Gradient descent from the sparse cloud to splats that look like the photographs."""
+"""Gradient descent from the sparse cloud to splats that look like the photographs shown."""
 
 import time
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 import torch
 
 from slideframe.errors import StageFailed
-from slideframe.products import SplatCloud, Survey
+from slideframe.products import Survey
 from slideframe.stages import Context
 from slideframe_gs_torch import checkpoint
-from slideframe_gs_torch.anisotropy import share_above
 from slideframe_gs_torch.checkpoint import State
 from slideframe_gs_torch.densification import Densifier, densifier
 from slideframe_gs_torch.exposure import Exposures
 from slideframe_gs_torch.held_out import HeldOut
 from slideframe_gs_torch.image_loss import image_loss
-from slideframe_gs_torch.initialisation import initial_parameters, scene_extent, warn_of_few_points
+from slideframe_gs_torch.initialisation import initial_parameters, scene_extent
 from slideframe_gs_torch.optimiser import Adam, Pressure
 from slideframe_gs_torch.rasterize import Raster, rasterize
-from slideframe_gs_torch.threads import one_torch_thread
-from slideframe_gs_torch.views import TrainingView, load_views
+from slideframe_gs_torch.views import TrainingView
 
 if TYPE_CHECKING:
     from slideframe_gs_torch.reconstructor import TorchSplats
@@ -47,91 +46,65 @@ CHECKPOINT_EVERY = 200
 REPORT_EVERY = 10
 
 
-def train(options: "TorchSplats", survey: Survey, context: Context) -> SplatCloud:
-    """Return the trained splats; figures say how they compare with photographs held out."""
-    views = load_views(survey, options.image_width, context)
-    held_out, shown = split_views(views, options.hold_out_every)
-    warn_of_few_points(survey, context)
-    behind = options.background or mean_colour(shown)
-    measure = HeldOut(options, held_out, behind)
-    extent = scene_extent(survey)
-    state, growth = start(options, survey, shown, extent, context)
-    with one_torch_thread():
-        optimise(options, survey, shown, behind, state, growth, measure, extent, context)
-        raw_scales = state.parameters.raw["log_scales"].exp().numpy()
-        splats = state.parameters.export(options.anisotropy_limit)
-        context.figure("share_above_anisotropy_limit", share_above(raw_scales, options.anisotropy_limit))
-        context.figure("initial_splats", state.start_count)
-        context.figure("splats", len(splats))
-        context.figure("iterations", state.iteration)
-        context.figure("iterations_per_second", state.iteration / max(state.seconds, 1e-9))
-        measure.report(splats, state, context)
-    return splats
+@dataclass(frozen=True)
+class Scene:
+    """What splats are trained on: the survey, the views shown, the colour behind them and the scene's length, m."""
+
+    survey: Survey
+    shown: list[TrainingView]
+    behind: tuple[float, float, float]
+    extent: float
+
+    @classmethod
+    def of(cls, options: "TorchSplats", survey: Survey, shown: list[TrainingView]) -> Self:
+        """Take the views and measure them."""
+        return cls(survey, shown, options.background or mean_colour(shown), scene_extent(survey))
 
 
-def split_views(views: list[TrainingView], hold_out_every: int) -> tuple[list[TrainingView], list[TrainingView]]:
-    """Return the views held out, every n-th from the first, and those shown; a single view is always shown."""
-    if hold_out_every == 0 or len(views) < 2:
-        return [], views
-    shown = [view for index, view in enumerate(views) if index % hold_out_every]
-    return views[::hold_out_every], shown
-
-
-def start(
-    options: "TorchSplats", survey: Survey, shown: list[TrainingView], extent: float, context: Context
-) -> tuple[State, Densifier]:
-    """Return the state to go on from, that of a checkpoint or that before the first iteration, and how it grows."""
+def train(options: "TorchSplats", scene: Scene, measure: HeldOut, context: Context) -> State:
+    """Return the state after the last iteration, gone on from a checkpoint where there is one."""
     state = checkpoint.load(context.scratch)
     fresh = state is None
     if state is None:
-        parameters = initial_parameters(survey, shown, options, context.seed)
-        exposures = Exposures.of(len(survey.photographs))
+        parameters = initial_parameters(scene.survey, scene.shown, options, context.seed)
+        exposures = Exposures.of(len(scene.survey.photographs))
         state = State(parameters, Adam(), torch.zeros(len(parameters)), len(parameters), exposures)
     growth = densifier(
-        options.densification, options.iterations, state.start_count, options.splat_budget, extent, context.seed
+        options.densification, options.iterations, state.start_count, options.splat_budget, scene.extent, context.seed
     )
     if fresh:
         growth.start(state)
-    return state, growth
+    optimise(options, scene, state, growth, measure, context)
+    return state
 
 
 def optimise(
-    options: "TorchSplats",
-    survey: Survey,
-    shown: list[TrainingView],
-    behind: tuple[float, float, float],
-    state: State,
-    growth: Densifier,
-    measure: HeldOut,
-    extent: float,
-    context: Context,
+    options: "TorchSplats", scene: Scene, state: State, growth: Densifier, measure: HeldOut, context: Context
 ) -> None:
     """Carry the state to the last iteration, or until it has settled, with a checkpoint now and then."""
-    pyramids = [{factor: view.reduced(factor) for factor in (4, 2, 1)} for view in shown]
+    pyramids = [{factor: view.reduced(factor) for factor in (4, 2, 1)} for view in scene.shown]
     if options.depth_weight > 0:
-        pyramids = [
-            {factor: view.with_depths(survey.sparse_points) for factor, view in pyramid.items()} for pyramid in pyramids
-        ]
-    cameras = torch.tensor(survey.world_from_camera[:, :, 3], dtype=torch.float32)
-    nearest = options.near_share * extent
-    while state.iteration < options.iterations:
+        points = scene.survey.sparse_points
+        pyramids = [{factor: view.with_depths(points) for factor, view in pyramid.items()} for pyramid in pyramids]
+    cameras = torch.tensor(scene.survey.world_from_camera[:, :, 3], dtype=torch.float32)
+    checkpoints = checkpoint.Writer(context)
+    while state.iteration < options.iterations and not state.settled:
         began = time.perf_counter()
         share = state.iteration / options.iterations
-        view = pyramids[view_index(len(shown), state.iteration, context.seed)][reduction(share)]
-        loss = descend(options, view, behind, state, growth, extent)
-        growth.after_step(state, rates(share, extent)["centers"])
+        view = pyramids[view_index(len(pyramids), state.iteration, context.seed)][reduction(share)]
+        loss = descend(options, view, scene.behind, state, growth, scene.extent)
+        growth.after_step(state, rates(share, scene.extent)["centers"])
         if state.iteration % CLEAR_EVERY == 0:
-            fade_near(state.parameters.raw, cameras, nearest)
+            fade_near(state.parameters.raw, cameras, options.near_share * scene.extent)
         state.iteration += 1
         state.seconds += time.perf_counter() - began
         if state.iteration % REPORT_EVERY == 0 or state.iteration == options.iterations:
             figures = {"loss": loss, "splats": float(len(state.parameters))}
             figures |= {"held_out_psnr_db": state.curve[-1][2]} if state.curve else {}
             context.progress(state.iteration, options.iterations, **figures)
-        if measure.settled(state):
-            break
+        state.settled = measure.settled(state)
         if state.iteration % CHECKPOINT_EVERY == 0:
-            checkpoint.save(state, context.scratch)
+            checkpoints.save(state)
 
 
 def descend(

@@ -1,5 +1,6 @@
 """The photographs as training sees them: undistorted, reduced, and halved for the start."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -7,7 +8,6 @@ import torch
 from torch import Tensor
 
 from slideframe.arrays import Float32Array, Float64Array
-from slideframe.errors import InputError
 from slideframe.photographs import load_photograph
 from slideframe.products import Camera, Survey
 from slideframe.stages import Context
@@ -65,29 +65,20 @@ class TrainingView:
         return replace(self, depths=depth_points(points, self.camera, self.world_from_camera))
 
 
-def load_views(survey: Survey, width: int, context: Context) -> list[TrainingView]:
-    """Read every photograph at training size.
+def load_views(survey: Survey, indices: Iterable[int], width: int, context: Context) -> list[TrainingView]:
+    """Read photographs at training size; those of which their masks leave nothing are left out with a warning.
 
     Raises:
-        InputError: there is none, or one can't be read.
+        InputError: one can't be read.
     """
-    count = len(survey.photographs)
-    if count == 0:
-        raise InputError(
-            "the survey has no photographs", cure="give a folder with at least two overlapping photographs"
-        )
     views = []
-    for index in range(count):
+    for index in indices:
         pixels, camera, mask = load_photograph(survey, index, width=width)
-        planes = torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1)))
-        views.append(
-            TrainingView(
-                survey.photographs[index].name,
-                planes,
-                None if mask is None else torch.from_numpy(mask),
-                camera,
-                survey.world_from_camera[index],
-                index,
-            )
-        )
+        name = survey.photographs[index].name
+        if mask is not None and not mask.any():
+            context.warn(f"{name} is left out: its mask, or its lens, leaves nothing of it")
+            continue
+        planes = torch.from_numpy(np.array(pixels.transpose(2, 0, 1), order="C"))
+        seen = None if mask is None else torch.from_numpy(mask)
+        views.append(TrainingView(name, planes, seen, camera, survey.world_from_camera[index], index))
     return views
