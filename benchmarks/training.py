@@ -32,8 +32,11 @@ VARIANTS = {
     "clone_and_split": {"densification": "clone_and_split"},
     "exposure": {"exposure_correction": True},
     "depth": {"depth_weight": 0.1},
+    "two blocks": {"blocks": 2},
 }
 LIMIT = 3.0
+# The photograph, a held-out one, that the picture shows.
+SHOWN = 16
 BACKGROUND = (0.5, 0.5, 0.5)
 
 
@@ -44,34 +47,45 @@ def turned_at_random(splats: SplatCloud, seed: int = 0) -> SplatCloud:
     return splats.model_copy(update={"rotations": unit.astype(np.float32)})
 
 
-def streaks(splats: SplatCloud, view: TrainingView) -> tuple[float, torch.Tensor]:
-    """Return how much the view changes when all splats turn, in grey levels, and how it looks then."""
+def streaks(splats: SplatCloud, view: TrainingView) -> tuple[float, torch.Tensor, torch.Tensor]:
+    """Return how much the view changes when all splats turn, in grey levels, and how it looks before and after."""
     still = draw_view(splats, view, BACKGROUND)
     turned = draw_view(turned_at_random(splats), view, BACKGROUND)
-    return float(255 * (turned - still).square().mean().sqrt()), turned
+    return float(255 * (turned - still).square().mean().sqrt()), still, turned
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("survey", type=Path)
     parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=["default", "no anisotropy term"])
-    parser.add_argument("--picture", type=Path, help="where the turned splats of all variants are drawn side by side")
+    parser.add_argument(
+        "--picture", type=Path, help="file for a row of each variant: photograph, splats, splats turned"
+    )
+    parser.add_argument("--photographs", type=Path, help="their folder, where it is no longer that of the survey")
     parser.add_argument("--set", nargs="*", default=[], help="options for all variants, such as iterations=4000")
     arguments = parser.parse_args()
     print_machine("slideframe-gs-torch", "torch", "numba", "numpy")
-    survey = Entry(arguments.survey).read(Survey)
+    survey = moved(Entry(arguments.survey).read(Survey), arguments.photographs)
     common = dict(assignment.split("=", 1) for assignment in arguments.set)
-    pictures = []
+    rows = []
     for name in arguments.variants:
         options = TorchSplats.model_validate(common | VARIANTS[name])
         context = Context(device=Device(), scratch=Path(tempfile.mkdtemp()))
         splats = options.reconstruct(survey, context)
-        view = load_views(survey, options.image_width, context)[0]
-        changed, turned = streaks(splats, view)
-        pictures.append(np.asarray(turned.permute(1, 2, 0).mul(255).round().to(torch.uint8)))
+        (view,) = load_views(survey, [SHOWN], options.image_width, context)
+        changed, still, turned = streaks(splats, view)
+        rows.append(torch.cat([view.truth, still, turned], dim=2))
         print_variant(name, splats, changed, context.figures)
     if arguments.picture:
-        Image.fromarray(np.concatenate(pictures, axis=1)).save(arguments.picture, quality=88)
+        grid = torch.cat(rows, dim=1).permute(1, 2, 0).mul(255).round().to(torch.uint8)
+        Image.fromarray(grid.numpy()).save(arguments.picture, quality=88)
+
+
+def moved(survey: Survey, folder: Path | None) -> Survey:
+    if folder is None:
+        return survey
+    photographs = tuple(photo.model_copy(update={"path": folder / photo.path.name}) for photo in survey.photographs)
+    return survey.model_copy(update={"photographs": photographs})
 
 
 def print_variant(name: str, splats: SplatCloud, changed: float, figures: dict) -> None:
@@ -84,7 +98,8 @@ def print_variant(name: str, splats: SplatCloud, changed: float, figures: dict) 
     print(f" exported above {LIMIT:g}: {(ratios > LIMIT * 1.0001).mean():.2%}, ", end="")
     print(f"99th percentile {np.quantile(ratios, 0.99):.2f}")
     print(f"  streaks once all splats have turned: {changed:.2f} grey levels")
-    curve = figures["held_out_psnr_db_by_second"].items()
+    print(f"  shown in training: {figures['shown_psnr_db']:.2f} dB PSNR")
+    curve = figures.get("held_out_psnr_db_by_second", {}).items()
     print("  seconds and dB: " + ", ".join(f"{float(seconds):.0f} {psnr:.2f}" for seconds, psnr in curve))
 
 
