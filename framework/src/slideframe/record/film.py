@@ -12,7 +12,7 @@ from slideframe.record.drawing import jpeg
 
 
 def log_film(stream: rr.RecordingStream, film: Sequence[Picture], frame_rate: float) -> list[str]:
-    """Log the pictures over `sim_time`, as an AV1 video, which viewers play by themselves.
+    """Log the pictures over `sim_time` and `frame`, as an AV1 video, which viewers play by themselves.
 
     Returns:
         What is not as it could be, one phrase each.
@@ -20,8 +20,9 @@ def log_film(stream: rr.RecordingStream, film: Sequence[Picture], frame_rate: fl
     try:
         require_encoder("av1")
     except MissingDependency as absent:
-        for picture in film:
+        for index, picture in enumerate(film):
             stream.set_time("sim_time", duration=picture.time)
+            stream.set_time("frame", sequence=index)
             stream.log("film", rr.EncodedImage(contents=jpeg(picture.pixels), media_type="image/jpeg"))
         return [f"the film is kept as JPEG pictures, several times larger than a video: {absent.what}"]
     video = rr.AssetVideo(contents=encode_av1((picture.pixels for picture in film), frame_rate), media_type="video/mp4")
@@ -32,7 +33,7 @@ def log_film(stream: rr.RecordingStream, film: Sequence[Picture], frame_rate: fl
         raise AssertionError(f"the video has {len(moments)} frames of {len(times)} pictures")
     stream.send_columns(
         "film",
-        indexes=[rr.TimeColumn("sim_time", duration=times)],
+        indexes=[rr.TimeColumn("sim_time", duration=times), rr.TimeColumn("frame", sequence=range(len(times)))],
         columns=rr.VideoFrameReference.columns_nanos(moments),
     )
     return []

@@ -76,6 +76,7 @@ def log_motion(
     stream.log("motion/splats", rr.GaussianSplats3D.from_fields(spherical_harmonics_degree=0), static=True)
     for index, frame in enumerate(motion):
         stream.set_time("sim_time", duration=frame.time)
+        stream.set_time("frame", sequence=index)
         _log_figures(stream, frame, filling, problem, direction)
         if index in places:
             _log_splats(stream, coupling, frame, drawn.splats, places[index] % FRAMES_PER_SHAPE == 0)

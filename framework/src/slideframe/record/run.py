@@ -10,7 +10,7 @@ from slideframe.record.blueprint import Eye
 from slideframe.record.bodies import log_bodies
 from slideframe.record.film import log_film
 from slideframe.record.motion import log_motion
-from slideframe.record.report import log_report
+from slideframe.record.report import log_report, send_properties
 from slideframe.record.scene import log_splats, log_survey, log_survey_maps
 from slideframe.record.stream import Recording
 from slideframe.record.volume import log_filling
@@ -54,6 +54,7 @@ def record_run(
     shown = {"compared": comparison is not None, "stressed": config.simulation.record_stress}
     recording, left_out = Recording(path, name, _eye(config, values), **shown), []
     stream, budget = recording.stream, config.outputs.recording_megabytes * 1e6 * (1 - RESERVE)
+    send_properties(stream, config)
     if "pose_source" in values:
         log_survey(stream, values["pose_source"])
         recording.flush()
