@@ -177,7 +177,7 @@ def test_the_camera_turns_over_a_film_of_known_length(tmp_path):
     assert not np.array_equal(turning[0].pixels, turning[1].pixels)
     surroundings = context(tmp_path)
     list(SplatRenderer().render(hillside_survey(), splats, carriers, iter(still), view(turn=90), surroundings))
-    assert "stands still" in surroundings.warnings[0]
+    assert any("stands still" in warning for warning in surroundings.warnings)
 
 
 def test_a_camera_that_sees_nothing_is_an_error_that_says_where_the_scene_is(tmp_path):
@@ -189,6 +189,21 @@ def test_a_camera_that_sees_nothing_is_an_error_that_says_where_the_scene_is(tmp
     )
     with pytest.raises(InputError, match=r"sees nothing(.|\n)*x -1\.9 to 2\.0"):
         next(film)
+
+
+def test_a_view_far_beside_all_photographs_is_told(tmp_path):
+    """The hillside's four photographs look down from above."""
+    splats = cloud(1)
+    still, carriers = [frame(splats.centers, np.eye(3))], filling(splats, np.arange(COUNT))
+
+    def warnings(elevation: float) -> list[str]:
+        surroundings = context(tmp_path)
+        seen = OrbitView(width=64, height=48, elevation=elevation)
+        list(SplatRenderer().render(hillside_survey(), splats, carriers, still, seen, surroundings))
+        return surroundings.warnings
+
+    assert warnings(88) == []
+    assert "beside the nearest photograph" in warnings(10)[0]
 
 
 @pytest.mark.parametrize("listed", [True, False])

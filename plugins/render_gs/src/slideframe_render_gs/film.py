@@ -6,13 +6,19 @@ from itertools import islice
 
 import numpy as np
 
+from slideframe.arrays import Float64Array
 from slideframe.coupling import Coupling
 from slideframe.errors import InputError
 from slideframe.problem import Shot, View
 from slideframe.products import Filling, ParticleFrame, Picture, SplatCloud, Survey
+from slideframe.showing import soil_bounds
 from slideframe.stages import Context
 from slideframe_render_gs.drawing import draw, enlarge
 from slideframe_render_gs.moving_scene import MovingScene
+
+# Splats seen from farther beside every photograph than this, degrees, show what no photograph held in check.
+FARTHEST_BESIDE = 25.0
+LOOKS_ON_THE_WAY = 9
 
 
 def pictures(
@@ -33,10 +39,17 @@ def pictures(
     """
     coupling = Coupling(splats, filling)
     scene = MovingScene(coupling)
-    shot = view.shot(survey, np.stack([filling.particle_positions.min(axis=0), filling.particle_positions.max(axis=0)]))
+    bounds = soil_bounds(filling)
+    shot = view.shot(survey, bounds)
     count = len(motion) if isinstance(motion, Sized) else 0
     if not count and _moves(shot):
         context.warn("the length of the film is not known beforehand, so the camera stands still")
+    beside = _farthest_beside(shot, survey, bounds.mean(axis=0))
+    if beside > FARTHEST_BESIDE:
+        context.warn(
+            f"the camera looks at the mass from up to {beside:.0f} degrees beside the nearest photograph: what none "
+            "showed from there is haze"
+        )
     context.figure("splats", len(coupling))
     seconds, blind = 0.0, 0
     context.resume(context.stored)
@@ -66,6 +79,16 @@ def _frames_from(motion: Iterable[ParticleFrame], first: int) -> Iterator[tuple[
 
 def _moves(shot: Shot) -> bool:
     return not np.array_equal(shot(0.0)[1], shot(1.0)[1])
+
+
+def _farthest_beside(shot: Shot, survey: Survey, target: Float64Array) -> float:
+    """Return the largest angle, degrees, at the target between the film's camera and the photograph nearest to it."""
+    places = [shot(float(share))[1][:, 3] for share in np.linspace(0, 1, LOOKS_ON_THE_WAY)]
+    film, taken = (
+        way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
+        for way in (np.array(places) - target, survey.world_from_camera[:, :, 3] - target)
+    )
+    return float(np.degrees(np.arccos((film @ taken.T).max(axis=1).clip(-1, 1).min())))
 
 
 def _where_splats_are(splats: SplatCloud) -> str:
