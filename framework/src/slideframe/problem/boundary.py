@@ -52,7 +52,7 @@ class Wall(ProblemModel):
 class ColliderMesh(MapHeights, Wall):
     """A body of triangles that the mass meets, from a PLY, OBJ, STL or OFF file: a wall, a barrier, a building."""
 
-    path: Path
+    path: Path = Field(description="the file; triangles, not points")
     surface: Literal["closed", "open"] = Field(
         default="closed",
         description="closed: a body that the triangles enclose; open: a sheet, such as a ground surface, solid behind "
