@@ -1,5 +1,6 @@
 """How the viewer lays a recording out."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import rerun.blueprint as rrb
@@ -22,7 +23,6 @@ def blueprint(eye: Eye | None, active_tab: int = 0, compared: bool = False, stre
     With `compared`, the volume has a map of its surface's difference to a reference ground; with `stressed`, particles
     are shown by plastic strain and stress too.
     """
-    difference = [rrb.Spatial2DView(origin=f"/{DIFFERENCE}", name="Off the reference")] if compared else []
     controls = rrb.EyeControls3D(position=eye.position, look_target=eye.target, eye_up=(0, 0, 1)) if eye else None
 
     def space(name: str, *contents: str) -> rrb.Spatial3DView:
@@ -37,21 +37,7 @@ def blueprint(eye: Eye | None, active_tab: int = 0, compared: bool = False, stre
                 *(rrb.Spatial2DView(origin=f"/survey/maps/{name}", name=name.capitalize()) for name in SURVEY_MAPS),
                 name="Survey",
             ),
-            rrb.Horizontal(
-                rrb.Tabs(
-                    space("Surface", "/volume/surface", "/volume/outline"),
-                    space("Slip surface", "/volume/slip_surface", "/volume/outline"),
-                    space("Depth", "/volume/by_depth", "/volume/outline"),
-                    space("Observed and inferred", "/volume/by_origin", "/volume/outline"),
-                    *difference,
-                ),
-                rrb.Vertical(
-                    rrb.Spatial2DView(origin="/volume/section", name="Section"),
-                    rrb.TextDocumentView(origin="/volume/numbers", name="Numbers"),
-                ),
-                column_shares=[3, 2],
-                name="Volume",
-            ),
+            _volume(space, compared),
             rrb.Tabs(space("Travel", "/motion/particles", "/boundary/**"), *soil, name="Particles"),
             rrb.Horizontal(
                 rrb.TextDocumentView(origin="/report/result", name="Result"),
@@ -62,6 +48,26 @@ def blueprint(eye: Eye | None, active_tab: int = 0, compared: bool = False, stre
         ),
         rrb.TimePanel(timeline="sim_time", play_state="paused", state="collapsed"),
         collapse_panels=True,
+    )
+
+
+def _volume(space: Callable[..., rrb.Spatial3DView], compared: bool) -> rrb.Horizontal:
+    """Put the soil's surface, slip surface, depth and origin beside a section and numbers."""
+    difference = [rrb.Spatial2DView(origin=f"/{DIFFERENCE}", name="Off the reference")] if compared else []
+    return rrb.Horizontal(
+        rrb.Tabs(
+            space("Surface", "/volume/surface", "/volume/outline"),
+            space("Slip surface", "/volume/slip_surface", "/volume/outline"),
+            space("Depth", "/volume/by_depth", "/volume/outline"),
+            space("Observed and inferred", "/volume/by_origin", "/volume/outline"),
+            *difference,
+        ),
+        rrb.Vertical(
+            rrb.Spatial2DView(origin="/volume/section", name="Section"),
+            rrb.TextDocumentView(origin="/volume/numbers", name="Numbers"),
+        ),
+        column_shares=[3, 2],
+        name="Volume",
     )
 
 

@@ -1,11 +1,17 @@
 """Plans as pictures, north above, with a scale of colours."""
 
+import io
+from dataclasses import dataclass
+
 import numpy as np
+import rerun as rr
 from PIL import Image, ImageDraw, ImageFont
 
-from slideframe.arrays import Float64Array
+from slideframe.arrays import Float32Array, Float64Array
 from slideframe.overlay import round_length
-from slideframe.record.drawing import heat
+from slideframe.plan import PlanGrid
+from slideframe.products import Filling, ParticleFrame
+from slideframe.record.drawing import heat, spacing_of
 
 # longer side of a map, px
 MAP_SIZE = 480
@@ -13,6 +19,34 @@ MARGIN = 12
 SCALE_WIDTH = 16
 EMPTY = (24, 26, 30)
 INK = (230, 230, 230)
+# columns of the map, in edges of a particle's cube: fewer particles make the thickness jump
+MAP_CELL = 2.0
+
+
+@dataclass(frozen=True)
+class ThicknessMap:
+    """The soil's thickness in plan: the grid, the particles' volumes, m3, and the end of the scale, m."""
+
+    grid: PlanGrid
+    volumes: Float32Array
+    most: float
+
+    @classmethod
+    def over(cls, filling: Filling, last: ParticleFrame) -> "ThicknessMap":
+        """Reach over the soil at t = 0 and in the last frame; the scale ends at the thickest soil at t = 0."""
+        start, spacing = filling.particle_positions, spacing_of(filling)
+        # whole particles of a lattice fall into each column
+        corner = start[:, :2].min(axis=0).astype(np.float64) - spacing / 2
+        grid = PlanGrid.covering((start, last.positions), MAP_CELL * spacing, corner)
+        return cls(
+            grid, filling.particle_volumes, float(grid.thickness(start, filling.particle_volumes).max(initial=0))
+        )
+
+    def log(self, stream: rr.RecordingStream, frame: ParticleFrame) -> None:
+        """Log the map of a frame."""
+        file = io.BytesIO()
+        draw_thickness(self.grid.thickness(frame.positions, self.volumes), self.most, self.grid.cell).save(file, "PNG")
+        stream.log("map/thickness", rr.EncodedImage(contents=file.getvalue(), media_type="image/png"))
 
 
 def draw_thickness(thickness: Float64Array, most: float, cell: float) -> Image.Image:

@@ -1,6 +1,5 @@
 """What moves: splats, particles, the map of thickness, and figures, over `sim_time`."""
 
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -10,19 +9,16 @@ import rerun as rr
 from slideframe.arrays import Float32Array, Float64Array
 from slideframe.coupling import Coupling, MovedSplats
 from slideframe.motion import main_direction, measure
-from slideframe.plan import PlanGrid
 from slideframe.problem import SimulationProblem
 from slideframe.products import Filling, ParticleFrame, SplatCloud
 from slideframe.record.drawing import DRAWN_SPLATS, IndexArray, heat, real_part_last, rgba, spacing_of, thinned
-from slideframe.record.maps import draw_thickness
+from slideframe.record.maps import ThicknessMap
 from slideframe.record.soil import SoilColours, fields_of
 
 # Shapes are logged this many times more rarely than places: they change slowly, and are twice as long.
 FRAMES_PER_SHAPE = 4
 # bytes of a splat's centre and colour; of its scales and quaternion; of a particle
 PLACE_BYTES, SHAPE_BYTES, PARTICLE_BYTES = 16, 28, 16
-# columns of the map, in edges of a particle's cube: fewer particles make the thickness jump
-MAP_CELL = 2.0
 
 
 @dataclass(frozen=True)
@@ -43,6 +39,15 @@ class Drawn:
         cost = len(drawn) * (PLACE_BYTES + SHAPE_BYTES // FRAMES_PER_SHAPE) + clouds * len(dots) * PARTICLE_BYTES
         return cls(drawn, dots, thinned(frames, max(2, budget // max(cost, 1))))
 
+    def left_out(self, splats: int, particles: int, frames: int) -> list[str]:
+        """Say what isn't drawn of so many, one phrase each."""
+        counts = (
+            (len(self.splats), splats, "splats"),
+            (len(self.particles), particles, "particles"),
+            (len(self.frames), frames, "frames of the motion"),
+        )
+        return [f"{shown} of {total} {what} are drawn" for shown, total, what in counts if shown < total]
+
 
 def log_motion(
     stream: rr.RecordingStream,
@@ -60,18 +65,13 @@ def log_motion(
     Returns:
         What was thinned to stay within the budget, bytes, one phrase each.
     """
-    coupling = Coupling(splats, filling)
-    clouds = 1 + len(fields_of(motion[-1]))
-    drawn = Drawn.within(len(coupling), len(filling.particle_positions), len(motion), budget, clouds)
-    soil = SoilColours.over(motion, drawn.frames)
-    last, start = motion[-1], filling.particle_positions
-    direction = main_direction(last, filling)
-    reach = max(float(_distance(last.positions, start).max()), 1e-6)
-    spacing = spacing_of(filling)
-    # whole particles of a lattice fall into each column
-    corner = start[:, :2].min(axis=0).astype(np.float64) - spacing / 2
-    grid = PlanGrid.covering((start, last.positions), MAP_CELL * spacing, corner)
-    thickest = float(grid.thickness(start, filling.particle_volumes).max(initial=0))
+    coupling, start = Coupling(splats, filling), filling.particle_positions
+    whole = len(coupling), len(start), len(motion)
+    drawn = Drawn.within(*whole, budget, clouds=1 + len(fields_of(motion[-1])))
+    soil, thickness = SoilColours.over(motion, drawn.frames), ThicknessMap.over(filling, motion[-1])
+    direction = main_direction(motion[-1], filling)
+    reach = max(float(_distance(motion[-1].positions, start).max()), 1e-6)
+    radius = 0.5 * spacing_of(filling)
     places = {int(frame): order for order, frame in enumerate(drawn.frames)}
     stream.log("motion/splats", rr.GaussianSplats3D.from_fields(spherical_harmonics_degree=0), static=True)
     for index, frame in enumerate(motion):
@@ -82,19 +82,11 @@ def log_motion(
             _log_splats(stream, coupling, frame, drawn.splats, places[index] % FRAMES_PER_SHAPE == 0)
             positions = frame.positions[drawn.particles]
             colors = heat(_distance(positions, start[drawn.particles]) / reach)
-            stream.log("motion/particles", rr.Points3D(positions, colors=colors, radii=0.5 * spacing))
-            soil.log(stream, frame, drawn.particles, 0.5 * spacing)
-            picture = io.BytesIO()
-            thickness = grid.thickness(frame.positions, filling.particle_volumes)
-            draw_thickness(thickness, thickest, grid.cell).save(picture, "PNG")
-            stream.log("map/thickness", rr.EncodedImage(contents=picture.getvalue(), media_type="image/png"))
+            stream.log("motion/particles", rr.Points3D(positions, colors=colors, radii=radius))
+            soil.log(stream, frame, drawn.particles, radius)
+            thickness.log(stream, frame)
         progress(index + 1, len(motion))
-    counts = (
-        (len(drawn.splats), len(coupling), "splats"),
-        (len(drawn.particles), len(start), "particles"),
-        (len(drawn.frames), len(motion), "frames of the motion"),
-    )
-    return [f"{shown} of {total} {what} are drawn" for shown, total, what in counts if shown < total]
+    return drawn.left_out(*whole)
 
 
 def _log_splats(

@@ -55,16 +55,7 @@ def record_run(
     recording, left_out = Recording(path, name, _eye(config, values), **shown), []
     stream, budget = recording.stream, config.outputs.recording_megabytes * 1e6 * (1 - RESERVE)
     send_properties(stream, config)
-    if "pose_source" in values:
-        log_survey(stream, values["pose_source"])
-        recording.flush()
-        log_survey_maps(stream, maps)
-    if "reconstructor" in values:
-        log_splats(stream, values["reconstructor"])
-    if "volume_filler" in values:
-        plan = plan_of(config.region, values["pose_source"].georeference)
-        log_filling(stream, values["volume_filler"], plan, figures, comparison)
-        log_bodies(stream, config.boundary, values["pose_source"].georeference)
+    _log_still(recording, config, values, figures, comparison, maps)
     if "renderer" in values:
         left_out += log_film(stream, values["renderer"], config.simulation.frame_rate)
     if "solver" in values:
@@ -79,6 +70,28 @@ def record_run(
     log_report(stream, page(left_out), path.with_name("run.toml").read_text(encoding="utf-8"))
     recording.close()
     return left_out
+
+
+def _log_still(
+    recording: Recording,
+    config: RunConfig,
+    values: Mapping[StageKind, Any],
+    figures: Mapping[str, Any],
+    comparison: SurfaceComparison | None,
+    maps: "Mapping[str, Image.Image]",
+) -> None:
+    """Log what doesn't move: the survey, the scan, the volume."""
+    stream = recording.stream
+    if "pose_source" in values:
+        log_survey(stream, values["pose_source"])
+        recording.flush()
+        log_survey_maps(stream, maps)
+    if "reconstructor" in values:
+        log_splats(stream, values["reconstructor"])
+    if "volume_filler" in values:
+        plan = plan_of(config.region, values["pose_source"].georeference)
+        log_filling(stream, values["volume_filler"], plan, figures, comparison)
+        log_bodies(stream, config.boundary, values["pose_source"].georeference)
 
 
 def _eye(config: RunConfig, values: Mapping[StageKind, Any]) -> Eye | None:

@@ -42,14 +42,7 @@ def pictures(
     bounds = soil_bounds(filling)
     shot = view.shot(survey, bounds)
     count = len(motion) if isinstance(motion, Sized) else 0
-    if not count and _moves(shot):
-        context.warn("the length of the film is not known beforehand, so the camera stands still")
-    beside = _farthest_beside(shot, survey, bounds.mean(axis=0))
-    if beside > FARTHEST_BESIDE:
-        context.warn(
-            f"the camera looks at the mass from up to {beside:.0f} degrees beside the nearest photograph: what none "
-            "showed from there is haze"
-        )
+    _warn_of(shot, count, _farthest_beside(shot, survey, bounds.mean(axis=0)), context)
     context.figure("splats", len(coupling))
     seconds, blind = 0.0, 0
     context.resume(context.stored)
@@ -75,6 +68,17 @@ def _frames_from(motion: Iterable[ParticleFrame], first: int) -> Iterator[tuple[
     if isinstance(motion, Sequence):
         return ((index, motion[index]) for index in range(first, len(motion)))
     return islice(enumerate(motion), first, None)
+
+
+def _warn_of(shot: Shot, count: int, beside: float, context: Context) -> None:
+    """Tell what will not be as one would wish: a camera that can't go its way, or sees what no photograph saw."""
+    if not count and _moves(shot):
+        context.warn("the length of the film is not known beforehand, so the camera stands still")
+    if beside > FARTHEST_BESIDE:
+        context.warn(
+            f"the camera looks at the mass from up to {beside:.0f} degrees beside the nearest photograph: what none "
+            "showed from there is haze"
+        )
 
 
 def _moves(shot: Shot) -> bool:
