@@ -41,6 +41,11 @@ class Excavation:
     mass: Solid
     terrain: Mesh
 
+    @property
+    def bare(self) -> Mesh:
+        """The terrain's faces that the mass lay on: slip surface and sides."""
+        return self.terrain.only(self.terrain.origins != GROUND)
+
 
 def soil_body(sheet: tuple[Float64Array, Int32Array], rectangle: Float64Array, deepest: float) -> Solid:
     """Return the ground under a sheet, cut to a rectangle (2, 2) in plan and going down to `deepest`, m."""
