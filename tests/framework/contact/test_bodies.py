@@ -1,11 +1,14 @@
 """Bodies from files: what is accepted, what is refused and why, and that they act like the scanned ground."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from slideframe.contact import ground_contact, require_at_site, require_sound_files
 from slideframe.errors import ConfigurationError, InputError
 from slideframe.geodesy import geodetic_from_enu
+from slideframe.pipeline import _placed
 from slideframe.problem import Boundary, ColliderMesh
 from slideframe.products import Georeference
 from slideframe.testing.solver_scenes import block_filling, sand_problem
@@ -129,6 +132,13 @@ def test_a_mesh_in_a_maps_coordinates_lies_where_the_local_one_does(body, tmp_pa
     same = np.abs(placed.normals - local.normals).max(axis=1) < 1e-4
     assert same.mean() > 0.95
     assert (placed.normals[:, :3].any(axis=1) == local.normals[:, :3].any(axis=1)).all()
+
+
+@pytest.mark.parametrize(("epsg", "whole", "expected"), [(4326, True, ORIGIN), (4326, False, None), (None, True, None)])
+def test_the_pipeline_tells_the_solver_where_the_frame_is_if_a_mesh_needs_it(body, epsg, whole, expected):
+    survey = SimpleNamespace(entry=SimpleNamespace(is_whole=whole), value=SimpleNamespace(georeference=ORIGIN))
+    problem = sand_problem().model_copy(update={"boundary": body(slab(SQUARE, UP), epsg=epsg)})
+    assert _placed(problem, survey).georeference == expected
 
 
 def test_a_map_without_its_name_is_refused_at_once(body):
