@@ -87,6 +87,6 @@ PLATES: dict[str, Transfer] = {
 
 CASES = (
     Case("what the grid can't see, by transfer", unseen, fast=True),
-    Case("momentum, by transfer", impulse, fast=True),
+    Case("momentum, by transfer", impulse),
     Case("spin, by transfer", spins),
 )
