@@ -1,6 +1,6 @@
 """What filling a region costs and how good it is.
 
-    python benchmarks/filling.py scene RUN_FOLDER [--modes engineering paper]
+    python benchmarks/filling.py scene RUN_FOLDER [--modes engineering paper] [--every N]
     python benchmarks/filling.py scaling [--splats N ...] [--particles N ...]
 
 `scene` fills the region of a finished run and compares: the surface with the reference ground that the run's config
@@ -59,19 +59,20 @@ def fill(survey: Survey, splats: SplatCloud, problem: FillingProblem, **options:
     return filling, context, np.diff(np.array(marks), axis=0)
 
 
-def scene(run: Path, modes: list[str]) -> None:
+def scene(run: Path, modes: list[str], every: int) -> None:
     config = RunConfig.model_validate(tomllib.loads((run / "run.toml").read_text()))
     keys, store = json.loads((run / "result.json").read_text())["keys"], Store(run.parent / "store")
     survey = store.entry("pose_source", keys["pose_source"]).read(Survey)
     splats = store.entry("reconstructor", keys["reconstructor"]).read(SplatCloud)
-    base = likeness(survey, [splats])
-    print(f"{run.name}: {len(splats)} splats, {len(survey.photographs)} photographs of {WIDTH} px")
+    base = likeness(survey, [splats], every)
+    count = len(range(0, len(survey.photographs), every))
+    print(f"{run.name}: {len(splats)} splats, {count} photographs of {WIDTH} px", flush=True)
     print(f"scan alone: {base:.3f} dB")
     for mode in modes:
         options = {"color_neighbours": 1} if mode == "paper" else {}
         filling, context, seconds = fill(survey, splats, config.filling_problem, mode=mode, **options)
-        shown = likeness(survey, [splats, filling.interior, filling.scar])
-        hidden = likeness(survey, [at_rest(splats, filling)])
+        shown = likeness(survey, [splats, filling.interior, filling.scar], every)
+        hidden = likeness(survey, [at_rest(splats, filling)], every)
         print(
             f"{mode}: all inferred splats drawn {shown - base:+.3f} dB, as in the film {hidden - base:+.4f} dB; ",
             end="",
@@ -104,8 +105,8 @@ def at_rest(splats: SplatCloud, filling: Filling) -> SplatCloud:
     return SplatCloud(**{name: np.asarray(getattr(moved, name)) for name in SplatCloud.array_fields()})
 
 
-def likeness(survey: Survey, clouds: list[SplatCloud]) -> float:
-    """Return the mean peak signal-to-noise ratio over all photographs, dB."""
+def likeness(survey: Survey, clouds: list[SplatCloud], every: int) -> float:
+    """Return the mean peak signal-to-noise ratio over every N-th photograph, dB."""
     most = max(cloud.harmonics.shape[1] for cloud in clouds)
     fields = [
         np.concatenate([getattr(cloud, name) for cloud in clouds])
@@ -116,7 +117,7 @@ def likeness(survey: Survey, clouds: list[SplatCloud]) -> float:
     )
     tensors = [torch.from_numpy(field) for field in fields]
     ratios = []
-    for index in range(len(survey.photographs)):
+    for index in range(0, len(survey.photographs), every):
         pixels, camera, mask = load_photograph(survey, index, width=WIDTH)
         pose = survey.world_from_camera[index]
         with torch.no_grad():
@@ -197,6 +198,9 @@ def main() -> None:
     of_scene = commands.add_parser("scene")
     of_scene.add_argument("run", type=Path)
     of_scene.add_argument("--modes", nargs="+", default=["engineering", "paper"])
+    of_scene.add_argument(
+        "--every", type=int, default=1, help="take every N-th photograph: large splats are slow to draw"
+    )
     of_scaling = commands.add_parser("scaling")
     of_scaling.add_argument("--splats", type=int, nargs="*", default=[10_000, 100_000, 1_000_000, 5_000_000])
     of_scaling.add_argument("--particles", type=int, nargs="*", default=[100_000, 1_000_000, 10_000_000])
@@ -207,7 +211,7 @@ def main() -> None:
         return one(*arguments.counts)
     print_machine("slideframe", "slideframe-fill-poisson", "open3d", "manifold3d")
     if arguments.command == "scene":
-        return scene(arguments.run, arguments.modes)
+        return scene(arguments.run, arguments.modes, arguments.every)
     return scaling(arguments.splats, arguments.particles)
 
 

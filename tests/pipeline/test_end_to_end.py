@@ -67,6 +67,9 @@ def test_figures_are_those_of_a_site(place):
         assert figures["pose_source"][f"centre_residual_{axis}_m"] < MOST_CENTRE_RESIDUAL_M
     assert figures["reconstructor"]["held_out_psnr_db"] > LEAST_PSNR_DB
     assert abs(figures["volume_filler"]["volume_rescaling_percent"]) < 0.5
+    # the true ground is the config's reference; 20 000 splats of a short training are 0.7 m apart
+    assert figures["volume_filler"]["reference_covered_share"] > 0.9
+    assert figures["volume_filler"]["reference_rmse_m"] < 1.0
     assert figures["solver"]["escaped_particles"] == 0
     assert figures["solver"]["final_potential_energy_j"] < 0
     assert figures["renderer"]["frames_per_second"] > 0
