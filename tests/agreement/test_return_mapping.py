@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from slideframe.device import Device
 from slideframe.problem import LAWS, DruckerPrager, Elastic, Sand
 from slideframe.reference.constitutive import hencky_strain, return_mapping
+from slideframe.stress import symmetric
 
 # physics.md: 1e-5 and 1e-10. b = F F^T has the square of F's condition, so the strain of a particle
 # crushed in one direction has lost that much of float32 already in its state.
@@ -97,6 +98,36 @@ def warp_law(precision):
 
 
 @contextmanager
+def warp_lanes(precision):
+    """Give the same law through the kernel that strains many particles at once, here by nothing."""
+    import warp as wp
+
+    from slideframe_mpm_warp.runtime import kernels_in
+    from slideframe_mpm_warp.stepper import JACOBI_SWEEPS
+
+    kernels = kernels_in(precision, "cpu", False, False)
+
+    def apply(states, corrections, soil):
+        count = len(states)
+        with wp.ScopedDevice("cpu"):
+            packed = states[:, [0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]].astype(precision)
+            x = wp.array(packed, dtype=kernels.Vector6)
+            v = wp.array(corrections.astype(precision), dtype=kernels.Real)
+            s, ones = wp.zeros(count, dtype=kernels.Real), wp.ones(count, dtype=kernels.Real)
+            affines, frames = wp.zeros(count, dtype=kernels.Matrix), wp.zeros(count, dtype=kernels.Matrix)
+            constants = [1.0, 1.0, LAWS.index(soil.law), kernels.Soil(*soil.constants), JACOBI_SWEEPS]
+            inputs = [0, count, affines, affines, x, v, s, frames, ones, ones, *constants]
+            wp.launch(kernels.strain_particles, dim=-(-count // int(kernels.LANES)), inputs=inputs)
+        # what is left in `affines` is -(2 mu h + lambda tr(h) 1)
+        pull = -affines.numpy().astype(np.float64)
+        trace = np.trace(pull, axis1=1, axis2=2) / (2 * soil.shear_modulus + 3 * soil.lame_lambda)
+        h = (pull - soil.lame_lambda * trace[:, None, None] * np.eye(3)) / (2 * soil.shear_modulus)
+        return symmetric(x.numpy()), h, v.numpy().copy(), s.numpy().copy()
+
+    yield apply
+
+
+@contextmanager
 def taichi_law(precision):
     """Give Taichi's return mapping of arrays of states and corrections, compiled once for each law."""
     from slideframe_mpm_taichi.runtime import session
@@ -141,7 +172,7 @@ def taichi_law(precision):
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
-@pytest.mark.parametrize("backend", [warp_law, taichi_law])
+@pytest.mark.parametrize("backend", [warp_law, warp_lanes, taichi_law])
 def test_return_mapping_equals_the_reference(backend, precision):
     with backend(precision) as law:
         for material, soil in MATERIALS.items():

@@ -278,13 +278,13 @@ def grid_to_particles(
     state.velocity_gradients = staying[:, None] * (
         (4 / grid.spacing**2) * np.einsum("pni,pnj->pij", shares, stencil.arms)
     )
+    # only what bore no pressure may move against its neighbours (Fei et al. 2021)
+    loose = np.log(np.linalg.det(state.elastic)) >= LOOSE_STRAIN
     change = np.eye(3) + time_step * state.velocity_gradients
     state.deformation_gradients = change @ state.deformation_gradients
     flow = return_mapping(change @ state.elastic, state.volume_corrections, problem.material)
     state.elastic, state.volume_corrections = flow.elastic, flow.volume_correction
     state.plastic_strains = state.plastic_strains + flow.sheared
-    # only what bears no pressure may move against its neighbours (Fei et al. 2021)
-    loose = np.log(np.linalg.det(flow.elastic)) >= LOOSE_STRAIN
     ways = gathered + transfer.position_share * loose[:, None] * excess
     carry(state, time_step * staying * ways, problem, grid)
 

@@ -77,10 +77,9 @@ class Stepper:
             self._vectors([step.gravity]), step.time_step, step.kept, *self.ground, grid.padding, grid.high,
             boundary.sides.coefficient, boundary.floor.coefficient,
         )  # fmt: skip
-        self._constants = (
-            step.time_step, grid.spacing, self._vectors([transfer]), LAWS.index(acting.material.law), soil,
-            self._vectors(acting.limits(grid)), radius,
-        )  # fmt: skip
+        per_cell = step.time_step / grid.spacing
+        self._motion = per_cell, self._vectors([transfer]), self._vectors(acting.limits(grid))
+        self._law = 4.0 * per_cell, transfer.affine, LAWS.index(acting.material.law), soil, radius
         arrays = (self.particles[name] for name in ("pulls", "elastic_states", "volumes"))
         kernels.retime(*arrays, 4.0 * (before - step.time_step) / grid.spacing, soil, radius)
 
@@ -132,13 +131,14 @@ class Stepper:
             *apart,
             *self._update,
         )
-        names = ("positions", "residuals", "velocities", "affines", "pulls", "elastic_states", "volume_corrections")
-        names += ("plastic_strains", "deformation_gradients", "held", "masses", "volumes")
-        speed = float(
-            kernels.grid_to_particles(
-                layout.nodes, *apart, *where, *(particles[name] for name in names),
-                self.problem.simulation.record_stress, *self._constants,
-            )
+        names = ("positions", "residuals", "velocities", "affines", "pulls", "elastic_states")
+        names += ("held", "masses", "volumes")
+        gathered = (particles[name] for name in names)
+        speed = float(kernels.grid_to_particles(layout.nodes, *apart, *where, *gathered, *self._motion))
+        kernels.strain_particles(
+            particles["affines"], particles["pulls"], self.keeps_excess, particles["elastic_states"],
+            particles["volume_corrections"], particles["plastic_strains"], self.problem.simulation.record_stress,
+            *(particles[name] for name in ("deformation_gradients", "masses", "volumes")), *self._law,
         )  # fmt: skip
         self.drift += speed * self.step.time_step / self.grid.spacing
         return speed

@@ -145,16 +145,35 @@ class Stepper:
             wp.vec2i(*self.grid.high), kernels.Vector2(boundary.sides.coefficient, boundary.floor.coefficient),
         )]  # fmt: skip
 
-        names = ("positions", "residuals", "velocities", "affines", "pulls", "elastic_states", "volume_corrections")
-        names += ("plastic_strains", "deformation_gradients", "held", "masses", "volumes")
-        soil, transfer = self.acting.material, kernels.Vector(*self.problem.simulation.transfer.constants)
+        names = ("positions", "residuals", "velocities", "affines", "pulls", "elastic_states")
+        names += ("held", "masses", "volumes")
+        per_cell, transfer = self.step.time_step / self.grid.spacing, self.problem.simulation.transfer.constants
         even = _even_runs(particles.count, self.cores.count, kernels.CHUNK)
         self._phases += [self._record(
             kernels.grid_to_particles, even, layout.nodes, layout.forces, *where, *(particles[name] for name in names),
-            self.fastest, self.step.time_step, self.grid.spacing, transfer, LAWS.index(soil.law),
-            kernels.Soil(*soil.constants), *(kernels.Vector(*limit) for limit in self.problem.limits(self.grid)),
-            JACOBI_SWEEPS,
+            self.fastest, per_cell, kernels.Vector(*transfer),
+            *(kernels.Vector(*limit) for limit in self.problem.limits(self.grid)),
         )]  # fmt: skip
+        self._phases += [self._record_strain(even, 4.0 * per_cell, transfer.affine)]
+
+    def _record_strain(self, runs: Sequence[tuple[int, int]], scale: float, affine_share: float) -> list[Any]:
+        """Return the launches that strain each run of particles, LANES at once."""
+        import warp as wp
+
+        kernels, soil = self.kernels, self.acting.material
+        names = ("affines", "pulls", "elastic_states", "volume_corrections", "plastic_strains", "deformation_gradients")
+        arrays = [self.particles[name] for name in (*names, "masses", "volumes")]
+        constants = [scale, affine_share, LAWS.index(soil.law), kernels.Soil(*soil.constants), JACOBI_SWEEPS]
+        return [
+            wp.launch(
+                kernels.strain_particles,
+                dim=-(-count // int(kernels.LANES)),
+                inputs=[first, first + count, *arrays, *constants],
+                device=self.device,
+                record_cmd=True,
+            )
+            for first, count in runs
+        ]
 
     def _record(self, kernel: Any, runs: Sequence[tuple[int, int]], *inputs: Any) -> list[Any]:
         """Return one launch of a kernel for each run (first, count)."""

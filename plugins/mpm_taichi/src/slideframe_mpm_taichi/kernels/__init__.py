@@ -23,7 +23,14 @@ from .layout import (
 )
 from .materials import return_mapping
 from .rendering import bound_stretch
-from .transfers import MOST_RUNS, grid_to_particles, particles_to_grid, particles_to_grid_atomic, retime
+from .transfers import (
+    MOST_RUNS,
+    grid_to_particles,
+    particles_to_grid,
+    particles_to_grid_atomic,
+    retime,
+    strain_particles,
+)
 
 __all__ = [
     "MOST_RUNS",
@@ -42,5 +49,6 @@ __all__ = [
     "retime",
     "return_mapping",
     "size_tiles",
+    "strain_particles",
     "update_grid",
 ]

@@ -134,6 +134,14 @@ def gather(position, columns: ti.template(), corner, across, grid: ti.template()
 
 
 @ti.func
+def is_loose(x):
+    """Whether a particle bears no pressure: log det(1 + X) / 2, its volumetric strain, is none or positive."""
+    first = x.trace()
+    second = 0.5 * (first * first - (x @ x).trace())
+    return first + second + x.determinant() >= 2.0 * LOOSE_STRAIN
+
+
+@ti.func
 def carry(particle, way, limits: ti.template(), positions: ti.template(), residuals: ti.template()):
     """Move a particle by `way`, in cells, within limits, and return whether it leaves the domain."""
     position = positions[particle]
@@ -158,33 +166,6 @@ def carry(particle, way, limits: ti.template(), positions: ti.template(), residu
     return leaving
 
 
-@ti.func
-def strain(
-    particle,
-    change,
-    elastic_states: ti.template(),
-    volume_corrections: ti.template(),
-    plastic_strains: ti.template(),
-    records: ti.template(),
-    deformation_gradients: ti.template(),
-    law: ti.template(),
-    soil,
-    series_radius,
-):
-    """Strain a particle by `change` = dt grad v, let it yield, and return its elastic Hencky strain."""
-    deformation_gradients[particle] += change @ deformation_gradients[particle]
-    x = unpack(elastic_states[particle])
-    # b = (1 + G)(1 + X)(1 + G)^T, without ever adding a small number to 1
-    half = change + change @ x
-    trial = x + half + half.transpose() + half @ change.transpose()
-    state, hencky, correction, sheared = return_mapping(law, trial, volume_corrections[particle], soil, series_radius)
-    elastic_states[particle] = pack(state)
-    volume_corrections[particle] = correction
-    if ti.static(records):
-        plastic_strains[particle] += sheared
-    return hencky
-
-
 @ti.kernel
 def grid_to_particles(
     grid: Array,
@@ -199,53 +180,33 @@ def grid_to_particles(
     affines: Array,
     pulls: Array,
     elastic_states: Array,
-    volume_corrections: Array,
-    plastic_strains: Array,
-    deformation_gradients: Array,
     held: Array,
     masses: Array,
     volumes: Array,
-    records: ti.template(),
-    time_step: float,
-    spacing: float,
+    way_of_speed: float,
     transfers: Array,
-    law: ti.template(),
-    soils: Array,
     limits: Array,
-    series_radius: float,
 ) -> float:
-    """Gather velocity and its gradient, strain the particle, move it, and prepare its next scatter.
+    """Gather velocity and, into `affines`, its moment, and move the particle; `transfers` holds TransferConstants.
 
-    `transfers` holds slideframe's TransferConstants. Returns the greatest component of velocity, UNBOUNDED for NaN.
+    Returns the greatest component of velocity, UNBOUNDED for NaN.
     """
     fastest = 0.0
     ti.loop_config(parallelize=PARTS)
     for particle in range(positions.shape[0]):
         # what has left the domain weighs nothing and stays where it left
-        mass = masses[particle]
-        if mass != 0.0:
+        if masses[particle] != 0.0:
             position = positions[particle]
             velocity, moment = gather(position, columns, corner, across, grid)
-
-            # C = 4 / spacing * moment (Jiang et al. 2015: D = spacing^2 / 4 for quadratic splines)
-            change = time_step * 4.0 / spacing * moment
-            hencky = strain(
-                particle, change, elastic_states, volume_corrections, plastic_strains, records, deformation_gradients,
-                law, soils[0], series_radius,
-            )  # fmt: skip
-            pull = -4.0 * volumes[particle] * time_step / spacing * kirchhoff_stress(hencky, soils[0])
+            affines[particle] = moment
             carrying = velocity
             if ti.static(keeps_excess):
-                # Fei et al. 2021; only what bears no pressure may move against its neighbours
+                # Fei et al. 2021; only what bore no pressure may move against its neighbours
                 before, _ = gather(position, columns, corner, across, forces)
                 excess = velocities[particle] - before
-                if hencky.trace() >= LOOSE_STRAIN:
+                if is_loose(unpack(elastic_states[particle])):
                     carrying += transfers[0][2] * excess
                 velocity += transfers[0][1] * excess
-                pulls[particle] = pull
-                affines[particle] = transfers[0][0] * 4.0 * mass * moment
-            else:
-                affines[particle] = 4.0 * mass * moment + pull
             velocities[particle] = velocity
             for axis in ti.static(range(3)):
                 speed = ti.abs(velocity[axis])
@@ -254,7 +215,7 @@ def grid_to_particles(
                 if not (speed <= UNBOUNDED):
                     speed = UNBOUNDED
                 ti.atomic_max(fastest, speed)
-            if carry(particle, time_step / spacing * carrying, limits, positions, residuals):
+            if carry(particle, way_of_speed * carrying, limits, positions, residuals):
                 held[particle] = 1
                 masses[particle] = 0.0
                 volumes[particle] = 0.0
@@ -263,6 +224,74 @@ def grid_to_particles(
                 if ti.static(keeps_excess):
                     pulls[particle] = sphere(0.0)
     return fastest
+
+
+@ti.func
+def strain(
+    particle,
+    change,
+    elastic_states: ti.template(),
+    volume_corrections: ti.template(),
+    plastic_strains: ti.template(),
+    records: ti.template(),
+    law: ti.template(),
+    soil,
+    series_radius,
+):
+    """Strain a particle by `change` = dt grad v, let it yield, and return its elastic Hencky strain."""
+    x = unpack(elastic_states[particle])
+    # b = (1 + G)(1 + X)(1 + G)^T, without ever adding a small number to 1
+    half = change + change @ x
+    # packed, so that the compiler knows it to be symmetric
+    trial = unpack(pack(x + half + half.transpose() + half @ change.transpose()))
+    state, hencky, correction, sheared = return_mapping(law, trial, volume_corrections[particle], soil, series_radius)
+    elastic_states[particle] = pack(state)
+    volume_corrections[particle] = correction
+    if ti.static(records):
+        plastic_strains[particle] += sheared
+    return hencky
+
+
+@ti.kernel
+def strain_particles(
+    affines: Array,
+    pulls: Array,
+    keeps_excess: ti.template(),
+    elastic_states: Array,
+    volume_corrections: Array,
+    plastic_strains: Array,
+    records: ti.template(),
+    deformation_gradients: Array,
+    masses: Array,
+    volumes: Array,
+    scale: float,
+    affine_share: float,
+    law: ti.template(),
+    soils: Array,
+    series_radius: float,
+):
+    """Strain each particle, let it yield, and prepare its next scatter.
+
+    `scale` = 4 dt / spacing makes of the moment in `affines` dt grad v (Jiang et al. 2015: C = 4 / spacing^2 times it,
+    in m, for quadratic splines).
+    """
+    ti.loop_config(parallelize=PARTS)
+    for particle in range(affines.shape[0]):
+        mass = masses[particle]
+        if mass != 0.0:
+            moment = affines[particle]
+            change = scale * moment
+            deformation_gradients[particle] += change @ deformation_gradients[particle]
+            hencky = strain(
+                particle, change, elastic_states, volume_corrections, plastic_strains, records, law, soils[0],
+                series_radius,
+            )  # fmt: skip
+            pull = -scale * volumes[particle] * kirchhoff_stress(hencky, soils[0])
+            if ti.static(keeps_excess):
+                pulls[particle] = pull
+                affines[particle] = affine_share * 4.0 * mass * moment
+            else:
+                affines[particle] = 4.0 * mass * moment + pull
 
 
 @ti.kernel

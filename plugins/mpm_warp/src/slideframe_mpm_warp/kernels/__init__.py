@@ -13,13 +13,14 @@ Warp mixes no precisions, so `runtime` loads this package once for each, under a
 from .boundaries import update_grid
 from .layout import bound_columns, bound_tiles, key_particles, place_columns, reorder, size_tiles
 from .materials import Soil, return_mapping
-from .reals import KEEPS_EXCESS, Matrix, Real, Vector, Vector2, Vector4, Vector6
+from .reals import KEEPS_EXCESS, LANES, Matrix, Real, Vector, Vector2, Vector4, Vector6
 from .rendering import bound_stretch
-from .transfers import CHUNK, grid_to_particles, particles_to_grid, retime
+from .transfers import CHUNK, grid_to_particles, particles_to_grid, retime, strain_particles
 
 __all__ = [
     "CHUNK",
     "KEEPS_EXCESS",
+    "LANES",
     "Matrix",
     "Real",
     "Soil",
@@ -38,5 +39,6 @@ __all__ = [
     "retime",
     "return_mapping",
     "size_tiles",
+    "strain_particles",
     "update_grid",
 ]

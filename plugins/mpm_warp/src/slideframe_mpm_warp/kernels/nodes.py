@@ -2,7 +2,8 @@
 
 import warp as wp
 
-from .reals import Gathered, Matrix, Real, Vector, Vector4
+from .materials import Soil
+from .reals import Gathered, Matrix, Real, Vector, Vector4, Vector6
 from .stencils import Stencil
 
 wp.set_module_options({"enable_backward": False})
@@ -50,3 +51,22 @@ def gather(grid: wp.array(dtype=Vector4), columns: wp.array(dtype=int), across: 
             x_moment += stencil.x_arms[a] * row
             y_moment += stencil.y_arms[b] * row
     return wp.matrix_from_cols(x_moment, y_moment, z_moment, velocity)
+
+
+@wp.func
+def strain_lanes(
+    first: int,
+    count: int,
+    scale: Real,
+    affine_share: Real,
+    soil: Soil,
+    affines: wp.array(dtype=Matrix),
+    pulls: wp.array(dtype=Matrix),
+    elastic_states: wp.array(dtype=Vector6),
+    volume_corrections: wp.array(dtype=Real),
+    plastic_strains: wp.array(dtype=Real),
+    masses: wp.array(dtype=Real),
+    volumes: wp.array(dtype=Real),
+) -> int:
+    """Leave all to `materials`, one by one: a card's threads are its lanes."""
+    return (1 << count) - 1

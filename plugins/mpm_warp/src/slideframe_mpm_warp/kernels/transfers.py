@@ -4,14 +4,15 @@ import warp as wp
 
 from slideframe.problem.transfer import LOOSE_STRAIN
 
-from .materials import Soil, hencky_strain, kirchhoff_stress, return_mapping
-from .reals import KEEPS_EXCESS, SHARED_NODES, Matrix, Real, Vector, Vector4, Vector6
+from .materials import DRUCKER_PRAGER, Soil, hencky_strain, kirchhoff_stress, return_mapping
+from .reals import KEEPS_EXCESS, LANES, SHARED_NODES, Matrix, Real, Vector, Vector4, Vector6
 from .stencils import stencil_around
 from .tensors import pack, unpack
 
 if SHARED_NODES:
-    from .nodes import gather, scatter
+    from .nodes import gather, scatter, strain_lanes
 else:
+    from .lanes import strain_lanes
     from .rows import gather, scatter
 
 wp.set_module_options({"enable_backward": False})
@@ -49,6 +50,14 @@ def particles_to_grid(
 
 
 @wp.func
+def is_loose(x: Matrix) -> bool:
+    """Whether a particle bears no pressure: log det(1 + X) / 2, its volumetric strain, is none or positive."""
+    first = wp.trace(x)
+    second = Real(0.5) * (first * first - wp.trace(x * x))
+    return first + second + wp.determinant(x) >= Real(2.0) * LOOSE_STRAIN
+
+
+@wp.func
 def carry(
     particle: int,
     way: Vector,
@@ -80,33 +89,6 @@ def carry(
     return leaving
 
 
-@wp.func
-def strain(
-    particle: int,
-    change: Matrix,
-    elastic_states: wp.array(dtype=Vector6),
-    volume_corrections: wp.array(dtype=Real),
-    plastic_strains: wp.array(dtype=Real),
-    deformation_gradients: wp.array(dtype=Matrix),
-    law: int,
-    soil: Soil,
-    sweeps: int,
-) -> Matrix:
-    """Strain a particle by `change` = dt grad v, let it yield, and return its elastic Hencky strain."""
-    deformation_gradients[particle] += change * deformation_gradients[particle]
-    x = unpack(elastic_states[particle])
-    # b = (1 + G)(1 + X)(1 + G)^T, without ever adding a small number to 1
-    half = change + change * x
-    trial = x + half + wp.transpose(half) + half * wp.transpose(change)
-    state, hencky, correction, sheared = return_mapping(law, trial, volume_corrections[particle], soil, sweeps)
-    elastic_states[particle] = pack(state)
-    volume_corrections[particle] = correction
-    # there are none unless they are asked for
-    if plastic_strains.shape[0] > 0:
-        plastic_strains[particle] += sheared
-    return hencky
-
-
 @wp.kernel
 def grid_to_particles(
     first: int,
@@ -121,61 +103,41 @@ def grid_to_particles(
     affines: wp.array(dtype=Matrix),
     pulls: wp.array(dtype=Matrix),
     elastic_states: wp.array(dtype=Vector6),
-    volume_corrections: wp.array(dtype=Real),
-    plastic_strains: wp.array(dtype=Real),
-    deformation_gradients: wp.array(dtype=Matrix),
     held: wp.array(dtype=wp.int32),
     masses: wp.array(dtype=Real),
     volumes: wp.array(dtype=Real),
     fastest: wp.array(dtype=Real),
-    time_step: Real,
-    spacing: Real,
+    way_of_speed: Real,
     transfer: Vector,
-    law: int,
-    soil: Soil,
     lowest: Vector,
     highest: Vector,
-    sweeps: int,
 ):
-    """Gather velocity and its gradient, strain the particle, move it, and prepare its next scatter.
+    """Gather velocity and, into `affines`, its moment, and move the particle; `transfer` are TransferConstants.
 
-    `transfer` are slideframe's TransferConstants. `fastest` receives the greatest component of velocity in each chunk
-    of particles, UNBOUNDED for NaN.
+    `fastest` receives the greatest component of velocity in each chunk of particles, UNBOUNDED for NaN.
     """
     particle = first + wp.tid()
     # what has left the domain weighs nothing and stays where it left
-    mass = masses[particle]
-    if mass == Real(0.0):
+    if masses[particle] == Real(0.0):
         return
     stencil = stencil_around(positions[particle], corner, across)
     gathered = gather(grid, columns, across, stencil)
-    velocity = Vector(gathered[0, 3], gathered[1, 3], gathered[2, 3])
-    moment = Matrix(
+    affines[particle] = Matrix(
         gathered[0, 0], gathered[0, 1], gathered[0, 2],
         gathered[1, 0], gathered[1, 1], gathered[1, 2],
         gathered[2, 0], gathered[2, 1], gathered[2, 2],
     )  # fmt: skip
-
-    # C = 4 / spacing * moment (Jiang et al. 2015: D = spacing^2 / 4 for quadratic splines)
-    hencky = strain(
-        particle, time_step * Real(4.0) / spacing * moment, elastic_states, volume_corrections, plastic_strains,
-        deformation_gradients, law, soil, sweeps,
-    )  # fmt: skip
-    pull = Real(-4.0) * volumes[particle] * time_step / spacing * kirchhoff_stress(hencky, soil)
+    velocity = Vector(gathered[0, 3], gathered[1, 3], gathered[2, 3])
     carrying = velocity
     if wp.static(KEEPS_EXCESS):
-        # Fei et al. 2021; only what bears no pressure may move against its neighbours
+        # Fei et al. 2021; only what bore no pressure may move against its neighbours
         before = gather(forces, columns, across, stencil)
         excess = velocities[particle] - Vector(before[0, 3], before[1, 3], before[2, 3])
-        if wp.trace(hencky) >= LOOSE_STRAIN:
+        if is_loose(unpack(elastic_states[particle])):
             carrying += transfer[2] * excess
         velocity += transfer[1] * excess
-        pulls[particle] = pull
-        affines[particle] = transfer[0] * Real(4.0) * mass * moment
-    else:
-        affines[particle] = Real(4.0) * mass * moment + pull
     velocities[particle] = velocity
-    if carry(particle, time_step / spacing * carrying, lowest, highest, positions, residuals):
+    if carry(particle, way_of_speed * carrying, lowest, highest, positions, residuals):
         held[particle] = 1
         masses[particle] = Real(0.0)
         volumes[particle] = Real(0.0)
@@ -188,6 +150,82 @@ def grid_to_particles(
     if not (speed <= UNBOUNDED):
         speed = UNBOUNDED
     wp.atomic_max(fastest, particle // CHUNK, speed)
+
+
+@wp.func
+def strain(
+    particle: int,
+    change: Matrix,
+    elastic_states: wp.array(dtype=Vector6),
+    volume_corrections: wp.array(dtype=Real),
+    plastic_strains: wp.array(dtype=Real),
+    law: int,
+    soil: Soil,
+    sweeps: int,
+) -> Matrix:
+    """Strain a particle by `change` = dt grad v, let it yield, and return its elastic Hencky strain."""
+    x = unpack(elastic_states[particle])
+    # b = (1 + G)(1 + X)(1 + G)^T, without ever adding a small number to 1
+    half = change + change * x
+    # packed, so that the compiler knows it to be symmetric
+    trial = unpack(pack(x + half + wp.transpose(half) + half * wp.transpose(change)))
+    state, hencky, correction, sheared = return_mapping(law, trial, volume_corrections[particle], soil, sweeps)
+    elastic_states[particle] = pack(state)
+    volume_corrections[particle] = correction
+    # there are none unless they are asked for
+    if plastic_strains.shape[0] > 0:
+        plastic_strains[particle] += sheared
+    return hencky
+
+
+@wp.kernel
+def strain_particles(
+    first: int,
+    end: int,
+    affines: wp.array(dtype=Matrix),
+    pulls: wp.array(dtype=Matrix),
+    elastic_states: wp.array(dtype=Vector6),
+    volume_corrections: wp.array(dtype=Real),
+    plastic_strains: wp.array(dtype=Real),
+    deformation_gradients: wp.array(dtype=Matrix),
+    masses: wp.array(dtype=Real),
+    volumes: wp.array(dtype=Real),
+    scale: Real,
+    affine_share: Real,
+    law: int,
+    soil: Soil,
+    sweeps: int,
+):
+    """Strain each particle, let it yield, and prepare its next scatter; `scale` = 4 dt / spacing makes of the moment
+    in `affines` dt grad v (Jiang et al. 2015: C = 4 / spacing^2 times it, in m, for quadratic splines).
+    """
+    begin = first + LANES * wp.tid()
+    count = wp.min(LANES, end - begin)
+    for particle in range(begin, begin + count):
+        if masses[particle] != Real(0.0):
+            deformation_gradients[particle] += scale * affines[particle] * deformation_gradients[particle]
+    undone = (1 << count) - 1
+    if law == DRUCKER_PRAGER:
+        undone = strain_lanes(
+            begin, count, scale, affine_share, soil, affines, pulls, elastic_states, volume_corrections,
+            plastic_strains, masses, volumes,
+        )  # fmt: skip
+    if undone == 0:
+        return
+    for lane in range(count):
+        particle = begin + lane
+        mass = masses[particle]
+        if (undone >> lane) & 1 == 1 and mass != Real(0.0):
+            moment = affines[particle]
+            hencky = strain(
+                particle, scale * moment, elastic_states, volume_corrections, plastic_strains, law, soil, sweeps
+            )
+            pull = -scale * volumes[particle] * kirchhoff_stress(hencky, soil)
+            if wp.static(KEEPS_EXCESS):
+                pulls[particle] = pull
+                affines[particle] = affine_share * Real(4.0) * mass * moment
+            else:
+                affines[particle] = Real(4.0) * mass * moment + pull
 
 
 @wp.kernel
