@@ -27,7 +27,7 @@ from slideframe.arrays import Array, Product
 from slideframe.errors import StoreError
 
 # raised whenever the layout below changes, so that older results are not mistaken for new ones
-FORMAT = 3
+FORMAT = 4
 MANIFEST = "manifest.json"
 _IMAGE_AXES = ("row", "column", 3)
 
