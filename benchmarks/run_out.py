@@ -113,7 +113,7 @@ def slide(name: str, particles: int) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--solver", choices=["mpm_warp", "mpm_taichi"], default="mpm_warp")
-    parser.add_argument("--particles", type=int, default=5_000_000)
+    parser.add_argument("--particles", type=int, default=2_000_000)
     parser.add_argument("--sliding", type=int, default=4_000)
     options = parser.parse_args()
     print_machine("slideframe", "numpy", "warp-lang", "taichi")

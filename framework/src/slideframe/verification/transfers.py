@@ -86,7 +86,7 @@ PLATES: dict[str, Transfer] = {
 }
 
 CASES = (
-    Case("what the grid can't see, by transfer", unseen, fast=True),
+    Case("what the grid can't see, by transfer", unseen),
     Case("momentum, by transfer", impulse),
     Case("spin, by transfer", spins),
 )
