@@ -318,7 +318,7 @@ def test_not_a_number_in_a_product_is_told_with_field_and_place(workplace):
         (["--region.x-min", "99"], 2, "x_min must be less than x_max"),
         (["--regoin.x-min", "9"], 2, "--region.x-min"),
         (["--set", "site.photographs=nowhere"], 2, "no photographs"),
-        (["--set", "reference_ground.path=nowhere.asc"], 2, "nowhere.asc"),
+        (["--set", "reference_ground.path=nowhere.asc"], 2, "where: [reference_ground] /"),
         (["--set", "plugins.standin_solvr.seconds=1"], 2, "did you mean 'standin_solver'"),
         (["--view.background", "200", "220", "255"], 2, "less than or equal to 1"),
         (["--region.x-min", "1", "--solver", "other_solver", "nowhere.toml"], 2, "nrecognized"),

@@ -11,9 +11,9 @@ from slideframe.config import STAGE_KINDS, RunConfig, StageChoice, validate
 from slideframe.contact import require_sound_files
 from slideframe.device import Device
 from slideframe.errors import ConfigurationError
-from slideframe.formats.rasters import read_raster
 from slideframe.guards import check_spacing
 from slideframe.problem import FileView
+from slideframe.quality.surface import require_readable
 from slideframe.stages import PoseSource, Reconstructor, Renderer, Solver, Stage, StageKind, VolumeFiller
 
 
@@ -38,7 +38,7 @@ class Crew:
         if isinstance(config.view, FileView):
             config.view.require_files()
         if config.reference_ground is not None:
-            read_raster(config.reference_ground.path)
+            require_readable(config.reference_ground)
         for stage in self.stages():
             registry.require_backend(stage, self.listings[stage.name])
             stage.preflight(config.problem_of(stage.kind), device_for(stage, device))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slideframe.arrays import Float64Array
-from slideframe.errors import ConfigurationError
+from slideframe.errors import ConfigurationError, SlideframeError
 from slideframe.formats.rasters import read_raster
 from slideframe.problem import ReferenceGround, Region
 from slideframe.products import Filling, Georeference, Survey
@@ -73,6 +73,19 @@ def compare_surface(
         heights = sample_heights(read_raster(reference.path), reference, places, georeference, _where(reference))
         difference[known] = surface[known] - heights
     return SurfaceComparison(x, y, difference, float(np.isfinite(difference).sum() / max(inside.sum(), 1)))
+
+
+def require_readable(reference: ReferenceGround) -> None:
+    """Read the reference, so that a fault in it is told before anything is computed.
+
+    Raises:
+        InputError, MissingDependency: it can't be read.
+    """
+    try:
+        read_raster(reference.path)
+    except SlideframeError as error:
+        error.where = _where(reference)
+        raise
 
 
 def require_reference_over_region(survey: Survey, region: Region, reference: ReferenceGround) -> None:
