@@ -49,6 +49,14 @@ def test_unknown_key_names_the_nearest_known_one():
     assert "material.frction_angle: unknown key, did you mean 'friction_angle'?" in faults(raw)
 
 
+def test_a_kind_that_there_is_none_of_is_told_with_those_that_there_are():
+    raw = content()
+    raw["simulation"]["transfer"] = {"kind": "flip"}
+    assert "simulation.transfer: kind 'flip' is none of 'apic', 'pic_flip', 'asflip'" in faults(raw)
+    raw["simulation"]["transfer"] = "asflip"
+    assert "simulation.transfer: a table with its kind is wanted" in faults(raw)
+
+
 def test_every_fault_is_told_at_once_with_key_and_rule():
     raw = content()
     raw["simulation"]["duration"] = "long"

@@ -193,6 +193,10 @@ def _describe(model: type[BaseModel], fault: Mapping[str, Any]) -> str:
         known = _keys_at(model, location[:-1])
         near = difflib.get_close_matches(location[-1], known, n=1)
         return f"{key}: unknown key" + (f", did you mean '{near[0]}'?" if near else f"; known are {', '.join(known)}")
+    if fault["type"] == "union_tag_invalid":
+        return f"{key}: kind {fault['ctx']['tag']!r} is none of {fault['ctx']['expected_tags']}"
+    if fault["type"] == "union_tag_not_found":
+        return f"{key}: a table with its kind is wanted, as in {key} = {{kind = ...}} (got {fault['input']!r})"
     if fault["type"] == "missing":
         return f"{key}: required but absent"
     return f"{key}: {fault['msg'].removeprefix('Value error, ')} (got {fault['input']!r})"
