@@ -99,13 +99,13 @@ def _adjustment(survey: Survey, figures: Mapping[str, Any]) -> list[tuple[str, s
     if "principal_point_rule" in figures:
         found.append(("principal point", figures["principal_point_rule"]))
     if "gimbal_yaw_bias_deg" in figures:
-        turns = ", ".join(f"{name} {turn:+.1f}" for name, turn in figures["gimbal_yaw_bias_deg"].items())
+        turns = ", ".join(f"{turn:+.1f} ({name})" for name, turn in figures["gimbal_yaw_bias_deg"].items())
         off, least = figures["gimbal_error_deg"], figures["gimbal_error_without_mount_deg"]
         found.append(
             (
                 "gimbal",
-                f"yaw biased by (degrees) {turns}; without that {off:.2f} degrees off (median), {least:.2f} without the"
-                " camera's tilt in its mount too",
+                f"yaw bias, degrees: {turns}; {off:.2f} degrees off without it (median), {least:.2f} without the"
+                " camera's tilt in its mount",
             )
         )
     return found
