@@ -17,7 +17,8 @@ def anisotropy_loss(log_scales: Tensor, limit: float) -> Tensor:
     """Return mean(max(s_max / s_min, r) - r) over the splats.
 
     With d = log s_max - log s_min the ratio is exp(d); above LARGEST_EXACT_RATIO it goes on as the
-    tangent of exp, which keeps value and slope continuous and the gradient finite.
+    tangent of exp, which keeps value and slope continuous and the gradient finite. Training steps along its gradient in
+    a kernel (`optimiser_kernels.add_shape_gradient`), which is held to this.
 
     Args:
         log_scales: (splat, 3).

@@ -10,10 +10,10 @@ import math
 import numpy as np
 from numba import njit
 
+from slideframe_gs_torch.anisotropy import LARGEST_EXACT_RATIO
+
 BLOCK = 256
 FIRST_DECAY, SECOND_DECAY = 0.9, 0.999
-# The ratio of scales is exact up to here and linear in log-scale beyond: at 1e20 its gradient would be no number.
-LARGEST_EXACT_RATIO = 100.0
 
 # What `pressure` holds: weights per splat, and in metres.
 ANISOTROPY_WEIGHT, ANISOTROPY_LIMIT, OPACITY_WEIGHT, SIZE_WEIGHT, LOWEST, HIGHEST = range(6)
@@ -41,7 +41,7 @@ def adam(numbers, first, gradient, given, count, pace, widen):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def add_shape_gradient(gradient, scales, s, pressure):
-    """Add, by the logarithms of the scales, the gradient of weight (max(s_max / s_min, r) - r) and of the size."""
+    """Add, by the logarithms of the scales, the gradient of `anisotropy_loss` and of the size."""
     first, largest, smallest = 3 * s, 3 * s, 3 * s
     for i in range(first, first + 3):
         gradient[i] = gradient[i] * scales[i] + pressure[SIZE_WEIGHT] * scales[i]
