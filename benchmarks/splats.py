@@ -185,7 +185,7 @@ def iteration(options: argparse.Namespace) -> None:
         training.descend(tuning, view, (0.5, 0.5, 0.5), state, growth, 8.0)
 
     for count in (1, 2):
-        with thread_number(count), training.one_torch_thread():
+        with thread_number(count), threads.one_torch_thread():
             cost = least_cost(step, options.repeats)
             shares = least_shares(step, options.repeats)
             render = least_cost(lambda: forward(splats, lambda s: draw(s, camera)), options.repeats)
