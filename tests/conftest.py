@@ -6,10 +6,15 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 STANDINS = Path(__file__).parent / "pipeline" / "standins"
 REPOSITORY = Path(__file__).parent.parent
+
+# Tests never judge seconds: a busy machine is no fault of the law under test.
+hypothesis.settings.register_profile("slideframe", deadline=None)
+hypothesis.settings.load_profile("slideframe")
 
 
 @pytest.fixture(scope="session")

@@ -233,7 +233,7 @@ SOILS = st.builds(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 2**32 - 1), soil=SOILS, scale=st.sampled_from([1e-4, 0.03, 0.5]))
 def test_the_reference_laws_are_idempotent_objective_and_admissible(seed, soil, scale):
     gradients, corrections = random_gradients(seed, scale)

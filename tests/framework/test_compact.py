@@ -42,7 +42,7 @@ def test_a_frame_comes_back_within_the_stated_error_in_half_the_space(tmp_path):
     assert size(tmp_path / "compact") <= 0.51 * size(tmp_path / "whole")
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     low=st.floats(-1e4, 1e4, width=32),
     extents=st.tuples(*[st.floats(0, 1e4, width=32)] * 3),

@@ -127,7 +127,7 @@ def test_stretch_is_bounded_whatever_happens(F):
     assert np.isfinite(moved.rotations).all()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.floats(-3, 1))
 def test_decomposition_rebuilds_the_matrix(seed, log_spread):
     A = np.random.default_rng(seed).normal(size=(50, 3, 3)) * 10 ** np.array([0, log_spread, -log_spread])
@@ -189,7 +189,7 @@ def test_places_are_those_of_the_whole():
     np.testing.assert_array_equal(opacities, coupling.at(moment).opacities)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 2))
 def test_within_bounds_is_what_the_singular_values_say(seed, spread):
     A = np.eye(3) + spread * np.random.default_rng(seed).normal(size=(60, 3, 3))

@@ -24,7 +24,7 @@ TURIN = Georeference(latitude=45.0315, longitude=7.6206, ellipsoidal_height=349.
 METRES = [-3000.0, 3000.0]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     system=st.sampled_from([(2326, HONG_KONG), (32650, HONG_KONG), (4326, HONG_KONG), (32632, TURIN), (25832, TURIN)]),
     points=st.lists(st.tuples(st.floats(*METRES), st.floats(*METRES), st.floats(-300, 3000)), min_size=1, max_size=4),

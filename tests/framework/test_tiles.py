@@ -25,7 +25,7 @@ def test_the_window_holds_a_tile_around_all_columns_and_an_even_number_each_way(
     assert count == (4, 8)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(sizes=st.lists(st.integers(0, 50), min_size=1, max_size=40), parts=st.integers(1, 5), first=st.integers(0, 9))
 def test_runs_cover_all_once_and_are_cut_at_starts_only(sizes, parts, first):
     starts = first + np.concatenate([[0], np.cumsum(sizes)])

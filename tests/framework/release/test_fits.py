@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from slideframe.errors import ConfigurationError
@@ -28,7 +28,6 @@ def height_on(centre, lengths, azimuth, x, y):
 
 
 @given(slope=st.tuples(st.floats(-3, 3), st.floats(-3, 3), coordinate))
-@settings(deadline=None)
 def test_plane_through_points_on_it(slope):
     points = np.array([[0, 0], [10, 1], [3, 12], [-5, 4]], float)
     points = np.column_stack([points, slope[0] * points[:, 0] + slope[1] * points[:, 1] + slope[2]])
@@ -52,7 +51,6 @@ def test_points_on_a_line_make_no_plane():
     lengths=st.tuples(st.floats(5, 50), st.floats(5, 50), st.floats(5, 50)),
     azimuth=st.floats(0, 180),
 )
-@settings(deadline=None)
 def test_ellipsoid_through_points_on_it(centre, lengths, azimuth):
     centre, lengths = np.array(centre), np.array(lengths)
     points = on_ellipsoid(centre, lengths, azimuth)

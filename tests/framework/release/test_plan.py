@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from slideframe.errors import ConfigurationError, InputError
@@ -137,7 +137,6 @@ def test_a_base_above_the_ground_is_refused():
 
 
 @given(st.tuples(*[st.floats(0.1, 10)] * 2), st.tuples(*[st.floats(-100, 100)] * 2))
-@settings(deadline=None)
 def test_a_box_is_its_own_plan(size, corner):
     origin = Georeference(latitude=0, longitude=0, ellipsoidal_height=0)
     region = BoxRegion(x_min=corner[0], x_max=corner[0] + size[0], y_min=corner[1], y_max=corner[1] + size[1], z_min=0)

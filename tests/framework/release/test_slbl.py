@@ -30,7 +30,7 @@ def on_grid(plan, cells=60):
     depth_share=st.floats(0.02, 0.3),
     slope=st.tuples(st.floats(-1, 1), st.floats(-1, 1)),
 )
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_on_a_plane_it_is_a_paraboloid(diameter, depth_share, slope):
     """Depth z_max, curvature 16 z_max / L^2 and volume pi z_max L^2 / 8."""
     depth = depth_share * diameter

@@ -19,7 +19,7 @@ def lattice_of(spacing):
     spacing=st.floats(0.05, 0.7),
     stretches=st.lists(st.tuples(st.floats(0, 3), st.floats(0.0, 3)), min_size=1, max_size=5),
 )
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_particles_hold_the_soil_of_every_stretch(spacing, stretches):
     lattice = lattice_of(spacing)
     bottoms = np.array([-2 + bottom for bottom, _ in stretches], np.float32)
@@ -38,7 +38,6 @@ def test_particles_hold_the_soil_of_every_stretch(spacing, stretches):
 
 
 @given(spacing=st.floats(0.04, 3.0), width=st.floats(0.5, 9.0), depth=st.floats(0.5, 9.0))
-@settings(deadline=None)
 def test_columns_tile_the_plan(spacing, width, depth):
     lattice = Lattice(np.array([[2, -1, 0], [2 + width, -1 + depth, 1.0]]), spacing)
     x, y = lattice.columns()

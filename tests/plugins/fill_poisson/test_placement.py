@@ -67,7 +67,7 @@ def filled(solid, spacing, placement):
     height=st.floats(3, 8),
     spacing=st.floats(0.25, 0.4),
 )
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 def test_boxes_and_wedges(placement, shape, half, height, spacing):
     solid, volume = shape(half, height)
     assert solid.volume == pytest.approx(volume, rel=1e-6)

@@ -36,7 +36,7 @@ def ground(height, side=10.0, cells=40):
     corners=st.tuples(st.floats(-9, -1), st.floats(-9, -1), st.floats(1, 9), st.floats(1, 9)),
     base=st.floats(-15, -12),
 )
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_wedge_is_cut_exactly(slope, corners, base):
     soil = ground(lambda x, y: slope[0] * x + slope[1] * y)
     room = upright_prism([rectangle(*corners)], base, 50.0, PLAN)

@@ -182,7 +182,7 @@ RECORDS = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(RECORDS)
 def test_random_true_records_come_back(tmp_path: Path, write_truth: Callable[..., Path], truth: dict) -> None:
     truth = truth | {
@@ -235,7 +235,7 @@ def _check_dewarp(record: PhotoRecord, dewarp: tuple[float, ...] | None) -> None
 
 
 @given(st.floats(-89, 89), st.floats(-179, 179), st.floats(-400, 8000))
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_exif_alone(tmp_path: Path, exif_photograph: Callable[..., Path], latitude, longitude, altitude) -> None:
     record = read_record(exif_photograph(tmp_path / "a.jpg", latitude, longitude, altitude))
     if record.latitude is not None:

@@ -84,7 +84,7 @@ def assert_as_the_reference(scene: MovingScene, coupling: Coupling, frame: Parti
     np.testing.assert_allclose(seen.frame_rotations[varied], expected.frame_rotations[varied], atol=1e-6)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.1, 0.3, 1.0]))
 def test_it_is_the_reference_s_deformation(seed, spread):
     """In and beyond the bounds of stretch, inverted particles among them."""
