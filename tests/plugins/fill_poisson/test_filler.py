@@ -161,6 +161,12 @@ def test_paper_splats_are_as_large_as_they_are_deep(filled):
     np.testing.assert_allclose(np.linalg.norm(interior.rotations, axis=1), 1, atol=1e-6)
 
 
+@pytest.mark.parametrize(("mode", "told"), [("paper", True), ("engineering", False)])
+def test_splats_that_will_hide_the_scene_are_told(filled, context, mode, told):
+    filled(slope, mode=mode)
+    assert any("hide the scene" in warning for warning in context.warnings) == told
+
+
 def test_interior_takes_the_base_colour_of_the_nearest_splat_as_in_the_paper(filled):
     filling, splats = filled(slope, color_neighbours=1)
     assert filling.interior.harmonics.shape[1] == 1

@@ -64,6 +64,7 @@ RESCALING_TO_REFUSE = 2.0  # a mass of which particles find less than half is th
 GROUND_SPACINGS = 1.5
 SUSPECTED_WIDTH = 8.0  # m: of trees, looked for to tell of them
 STANDING_TO_TELL = 0.02
+SPACINGS_TO_TELL = 3.0  # of particles: larger splats of opened ground hide what lies behind them
 
 
 class PoissonFiller(VolumeFiller):
@@ -156,6 +157,7 @@ class PoissonFiller(VolumeFiller):
         colors = self._colors(_subset(splats, support.indices), surface, survey, support.spacing, spacing, context)
         body = _body(soil.mesh())
         interior = interior_splats(positions, surface, body, spacing, self.mode, self.interior_opacity, colors)
+        _tell_of_giants(interior, spacing, context)
         context.progress(4, STEPS)
         scar = scar_splats(pit.bare, surface, body, support.spacing, spacing, colors)
         moving = carriers(splats, positions, surface, plan, grid, spacing, self._moving_height(support))
@@ -325,6 +327,19 @@ def _particles(
             "of it: it is thin for them, a finer grid_spacing would tell more"
         )
     return positions, (volumes * share).astype(np.float32)
+
+
+def _tell_of_giants(interior: SplatCloud, spacing: float, context: Context) -> None:
+    """Say what becomes of a film of the paper's splats, which are as large as they lie deep, of a thick mass."""
+    if not len(interior):
+        return
+    middle = float(np.median(interior.scales.max(axis=1)))
+    if middle > SPACINGS_TO_TELL * spacing:
+        context.warn(
+            f"half of the interior's splats are over {middle:.1f} m large, and will hide the scene once the ground "
+            "opens, for the paper's splats are as large as they lie deep: set mode = 'engineering' in "
+            "[plugins.fill_poisson] for a film that can be looked at"
+        )
 
 
 def _bounds(plan: Plan, mass: Solid) -> Float64Array:
