@@ -140,6 +140,30 @@ def test_a_hole_in_the_ground_is_refused_and_located():
         ground_contact(filling, problem, problem.grid(filling))
 
 
+def tube(angles=8):
+    """Return an open tube of unit radius along x from 0 to 2, its axis at height 3, and two rings of triangles."""
+    turn = 2 * np.pi * (np.arange(angles) + 0.5) / angles
+    ring = np.column_stack([0 * turn, np.cos(turn), 3 + np.sin(turn)])
+    vertices = np.concatenate([ring + np.array([x, 0, 0]) for x in (0, 1, 2)])
+    one = np.arange(angles)
+    other = (one + 1) % angles
+    band = np.concatenate(
+        [np.column_stack([one, other, one + angles]), np.column_stack([other, other + angles, one + angles])]
+    )
+    return vertices, np.concatenate([band, band + angles])
+
+
+def test_where_a_survey_was_cut_is_no_hole_but_a_gap_in_a_wall_at_the_side_is():
+    vertices, triangles = tube()
+    assert TriangleMesh.welded(vertices, triangles).holes() == []
+    assert len(TriangleMesh.welded(vertices, triangles).gaps()) == 2
+    ground, faces = sheet(lambda x, y: 0 * x, low=0, high=4)
+    upright = ground[:, [2, 0, 1]]
+    middle = upright[faces].mean(axis=1)
+    holed = faces[np.linalg.norm(middle[:, 1:] - [2, 3], axis=1) > 0.5]
+    assert len(TriangleMesh.welded(upright, holed).holes()) == 1
+
+
 def test_ground_through_the_mass_is_refused():
     filling, problem = problem_on(
         *sheet(lambda x, y: 0 * x + 1.0, low=-1, high=5), block_filling((1, 0, 0.1), (2, 0.5, 0.9))

@@ -13,6 +13,8 @@ BoolArray = npt.NDArray[np.bool_]
 
 # Vertices nearer to one another than this share of the mesh's size are one: meshes are often written face by face.
 WELD_TOLERANCE = 1e-7
+# What lies this near to a side of the mesh's box, in shares of the mesh's size, lies in it.
+SIDE_TOLERANCE = 1e-6
 # Edge k runs from corner EDGES[k][0] to EDGES[k][1].
 EDGES = ((0, 1), (1, 2), (2, 0))
 
@@ -119,8 +121,27 @@ class TriangleMesh:
         return [box for shell in self._border_loops for box in shell]
 
     def holes(self) -> list[Float64Array]:
-        """Return the lowest and highest corner (2, 3), m, of every loop of the border but the widest of each shell."""
-        return [box for shell in self._border_loops for box in shell[1:]]
+        """Return the lowest and highest corner (2, 3), m, of every loop of the border within the surface.
+
+        The widest loop of a shell is its outer border. So is one in an upright side of the whole surface's box to which
+        the surface only comes: where a survey was cut, what overhangs, as a crown does, leaves one there.
+        """
+        return [box for shell in self._border_loops for box in shell[1:] if not self._cut(box)]
+
+    def _cut(self, box: Float64Array) -> bool:
+        """Tell whether the loop in this box (2, 3) is where the surface ends at a side of its own box."""
+        low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
+        reach = SIDE_TOLERANCE * float((high - low).max())
+        here = ((self.vertices >= box[0] - reach) & (self.vertices <= box[1] + reach)).all(
+            axis=1
+        ) & self.border_vertices
+        around = self.vertices[self.triangles[here[self.triangles].any(axis=1)]].reshape(-1, 3)
+        for axis in (0, 1):
+            for side in (low[axis], high[axis]):
+                within = np.abs(box[:, axis] - side).max() <= reach
+                if within and np.abs(around[:, axis] - side).max() > reach:
+                    return True
+        return False
 
     def crowded_edges(self) -> Float64Array:
         """Return the middles (e, 3), m, of the edges at which more than two triangles meet."""
