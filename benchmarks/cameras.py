@@ -130,7 +130,7 @@ def print_accuracy(title: str, truth: Truth, survey: Survey, context: Context) -
         flush=True,
     )
     for warning in context.warnings:
-        print(textwrap.shorten(f"    {warning}", 150, placeholder=" ..."))
+        print("    " + textwrap.shorten(warning, 146, placeholder=" ..."))
 
 
 def write_table(path: Path, truth: Truth, positions: Positions) -> Path:

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from slideframe_pose_rtk.flight import Flight
+from slideframe_pose_rtk.ground import ground_height
 from slideframe_pose_rtk.intrinsics import Calibration
 from slideframe_pose_rtk.lens import adjustable_lens, exact_lens, pinhole_lens
 from slideframe_pose_rtk.network import LensSigma, lens_sigma
-from slideframe_pose_rtk.pairs import ground_height
 
 if TYPE_CHECKING:
     import pycolmap

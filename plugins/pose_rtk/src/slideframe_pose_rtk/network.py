@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from slideframe.arrays import Float64Array
 from slideframe_pose_rtk.flight import Flight
-from slideframe_pose_rtk.pairs import footprint, ground_height
+from slideframe_pose_rtk.ground import footprint, ground_height
 
 MOST_VIEWS = 24  # evenly chosen; more of the same change the figure by their number's square root at most
 POINTS_PER_SIDE = 4  # of each view

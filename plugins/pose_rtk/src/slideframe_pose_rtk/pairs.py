@@ -6,11 +6,10 @@ import numpy as np
 
 from slideframe.arrays import Float64Array
 from slideframe_pose_rtk.flight import Flight
+from slideframe_pose_rtk.ground import footprint, ground_height
 from slideframe_pose_rtk.sessions import sessions_of
 
 SAMPLES = 8  # rays per side of a picture that stand for its footprint
-LEAST_HEIGHT = 5.0  # m above ground, where the metadata would put the camera lower, or tells nothing
-LONGEST_RAY = 4.0  # heights above ground; farther away, an oblique picture shows too little detail to match
 
 Pair = tuple[int, int]
 
@@ -18,11 +17,10 @@ Pair = tuple[int, int]
 def choose_pairs(flight: Flight, partners: int) -> list[Pair]:
     """Return pairs (first < second) in order, up to `partners` chosen by each photograph, and those taken in turn.
 
-    The ground is taken as level at the median of the metadata's heights above take-off: good enough
-    to rank partners. They are taken from all four sides first, because along a strip alone there may be more
-    good ones than `partners`, and strips would hang together by nothing. A photograph of unknown orientation
-    chooses its nearest ones, twice as many. Photographs taken one after the other show the same ground even where
-    a position is false.
+    The ground is taken as level, which is good enough to rank partners. They are taken from all four sides first,
+    because along a strip alone there may be more good ones than `partners`, and strips would hang together by nothing.
+    A photograph of unknown orientation chooses its nearest ones, twice as many. Photographs taken one after the other
+    show the same ground even where a position is false.
     """
     score = shared_view(flight)
     distance = np.linalg.norm(flight.positions[:, None] - flight.positions[None], axis=-1)
@@ -67,30 +65,6 @@ def shared_view(flight: Flight) -> Float64Array:
     score[:, ~flight.oriented] = 0.0
     np.fill_diagonal(score, 0.0)
     return score
-
-
-def ground_height(flight: Flight) -> float:
-    """Return the assumed height of the ground in the local frame, m."""
-    heights = [
-        position[2] - max(LEAST_HEIGHT, record.height_above_takeoff or 0.0)
-        for record, position in zip(flight.records, flight.positions, strict=True)
-    ]
-    return float(min(np.median(heights), flight.positions[:, 2].min() - LEAST_HEIGHT))
-
-
-def footprint(flight: Flight, index: int, height: float, samples: int) -> Float64Array:
-    """Return (point, 3), m, where rays through a grid of pixels, so many a side, meet level ground nearby."""
-    camera, position = flight.cameras[flight.camera_of[index]], flight.positions[index]
-    columns = (np.arange(samples) + 0.5) / samples * camera.width - camera.principal_x
-    rows = (np.arange(samples) + 0.5) / samples * camera.height - camera.principal_y
-    x, y = np.meshgrid(columns / camera.focal_x, rows / camera.focal_y)
-    rays = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)]) @ flight.rotations[index].T
-    above = position[2] - height
-    down = np.minimum(rays[:, 2], -1e-9)
-    reach = above / -down
-    near = reach * np.linalg.norm(rays, axis=1) < LONGEST_RAY * above
-    points: Float64Array = position + reach[near, None] * rays[near]
-    return points
 
 
 def _lenses(flight: Flight) -> Float64Array:
