@@ -12,7 +12,6 @@ from slideframe.products import Camera, GroundPoint, PoseOrigin
 from slideframe.quality.pictures import PictureQuality
 from slideframe.stages import Context
 from slideframe_pose_rtk.adjustment import (
-    ACCEPTED_ANGLES,
     accepted_pixels,
     adjust,
     metadata_poses,
@@ -73,6 +72,14 @@ class Solution:
     from_metadata: frozenset[int] = frozenset()
 
 
+@dataclass(frozen=True)
+class Views:
+    """What is known so far: world from camera (3, 4) by photograph, and COLMAP's camera by index."""
+
+    poses: Poses
+    lenses: "list[pycolmap.Camera]"
+
+
 @contextmanager
 def quiet_colmap() -> Iterator[None]:
     """Keep COLMAP's log, which belongs to the process, to errors for a while."""
@@ -116,39 +123,29 @@ def solve_by_refinement(found: Correspondences) -> Solution:
     """
     context, stated = found.context, found.flight
     found = _with_one_datum(found)
-    flight = found.flight
-    lenses, poses, trust = list(found.lenses), metadata_poses(flight), Trust()
-    rounds = accepted_pixels(flight)
+    views, rounds = Views(metadata_poses(found.flight), list(found.lenses)), accepted_pixels(found.flight)
     for number, accepted in enumerate(rounds):
-        reconstruction = found.triangulate(lenses, poses, accepted)
-        require_enough(len(poses_of(reconstruction)), "that share enough detail with others", flight.folder)
-        fixed = add_control(reconstruction, found.targets, found.target_rows) if number else []
-        _adjust(found, reconstruction, HELD if number == 0 else found.freedom, accepted, fixed)
-        if number == len(rounds) - 1:
-            flight = moved(flight, centre_offsets(flight, poses_of(reconstruction), by_trust(flight, found.sessions)))
-            found = dataclasses.replace(found, flight=flight)
-            trust = _settle(found, reconstruction, accepted, fixed)
-            level = None if fixed else levelling(flight, poses_of(reconstruction), trust, context)
-            if level is not None:
-                reconstruction.transform(level)
-        poses = poses_of(reconstruction)
-        if number == 0:
-            seen = compare(found.targets, poses, flight.cameras, dict(enumerate(flight.camera_of)))
-            require_one_datum(seen, np.median(flight.position_sigma, axis=0), str(flight.folder))
+        is_first, is_last = number == 0, number == len(rounds) - 1
+        reconstruction = found.triangulate(views.lenses, views.poses, accepted)
+        require_enough(len(poses_of(reconstruction)), "that share enough detail with others", found.flight.folder)
+        fixed = [] if is_first else add_control(reconstruction, found.targets, found.target_rows)
+        _adjust(found, reconstruction, HELD if is_first else found.freedom, accepted, fixed)
+        if is_last:
+            found, trust = _concluded(found, reconstruction, accepted, fixed)
+        views = Views(poses_of(reconstruction), [adjusted_lens(reconstruction, lens) for lens in views.lenses])
         for control in fixed:
             reconstruction.delete_point3D(control)
-        lenses = [adjusted_lens(reconstruction, lens) for lens in lenses]
-        if 0 < number < len(ACCEPTED_ANGLES):
-            missing = [index for index in range(len(flight)) if index not in poses]
-            poses |= resect(found.features, found.matches, reconstruction, lenses, flight, missing, context.seed)
-            found = found.with_turned_pictures(poses, lenses)
-            flight = found.flight
+        if is_first:
+            _require_one_datum(found, views.poses)
+        elif not is_last:
+            found, views = _with_resected(found, reconstruction, views)
         error = float(reconstruction.compute_mean_reprojection_error())
         context.progress(0.7 + 0.3 * (number + 1) / len(rounds), 1.0, reprojection_error_px=error)
+    flight, poses = found.flight, views.poses
     require_enough(len(poses), "that can be registered", flight.folder)
     warn_of_offsets(stated, flight, found.sessions, context)
     warn_of_positions(flight, poses, trust, context)
-    cameras, camera_of = tuple(camera_from_lens(lens) for lens in lenses), dict(enumerate(flight.camera_of))
+    cameras, camera_of = tuple(camera_from_lens(lens) for lens in views.lenses), dict(enumerate(flight.camera_of))
     return Solution(
         poses=poses,
         cameras=cameras,
@@ -161,6 +158,38 @@ def solve_by_refinement(found: Correspondences) -> Solution:
         sigma_scale=trust.sigma_scale,
         origin="adjusted",
     )
+
+
+def _concluded(
+    found: Correspondences, reconstruction: "pycolmap.Reconstruction", accepted: float, fixed: list[int]
+) -> tuple[Correspondences, Trust]:
+    """Settle which positions count and how much, bring flights on one datum, and level what they leave open."""
+    flight = found.flight
+    flight = moved(flight, centre_offsets(flight, poses_of(reconstruction), by_trust(flight, found.sessions)))
+    found = dataclasses.replace(found, flight=flight)
+    trust = _settle(found, reconstruction, accepted, fixed)
+    level = None if fixed else levelling(flight, poses_of(reconstruction), trust, found.context)
+    if level is not None:
+        reconstruction.transform(level)
+    return found, trust
+
+
+def _require_one_datum(found: Correspondences, poses: Poses) -> None:
+    """Refuse surveyed points on another level or in another system than the positions."""
+    flight = found.flight
+    seen = compare(found.targets, poses, flight.cameras, dict(enumerate(flight.camera_of)))
+    require_one_datum(seen, np.median(flight.position_sigma, axis=0), str(flight.folder))
+
+
+def _with_resected(
+    found: Correspondences, reconstruction: "pycolmap.Reconstruction", views: Views
+) -> tuple[Correspondences, Views]:
+    """Add photographs without a pose by the points of the others; those that were turned get their lens turned."""
+    flight, poses = found.flight, views.poses
+    missing = [index for index in range(len(flight)) if index not in poses]
+    placed = resect(found.features, found.matches, reconstruction, views.lenses, flight, missing, found.context.seed)
+    views = Views(poses | placed, views.lenses)
+    return found.with_turned_pictures(views.poses, views.lenses), views
 
 
 def _with_one_datum(found: Correspondences) -> Correspondences:
