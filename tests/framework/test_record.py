@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from slideframe.problem import Sand, Simulation, SimulationProblem
 from slideframe.products import Picture
@@ -11,6 +12,7 @@ from slideframe.record import Recording, drawing, log_film, log_motion
 from slideframe.record.blueprint import SOIL
 from slideframe.record.motion import Drawn
 from slideframe.record.soil import fields_of
+from slideframe.record.training import log_training
 from slideframe.testing.ground_scenes import hillside_filling, hillside_splats, moving_frames
 
 FULL_DISK = """
@@ -171,3 +173,23 @@ def test_splats_are_thinned_before_frames():
     assert 40 < len(drawn.frames) < 60
     assert drawn.frames[0] == 0
     assert drawn.frames[-1] == 99
+
+
+def test_pictures_of_the_training_lie_on_its_iterations(tmp_path):
+    import rerun.chunk
+
+    for iteration in (200, 25):
+        path = tmp_path / "pictures" / "DJI 1.JPG" / f"{iteration:08d}.jpg"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Image.new("RGB", (8, 8)).save(path)
+    recording = Recording(tmp_path / "training.rrd", "test", pictured=True)
+    log_training(recording.stream, tmp_path / "pictures")
+    recording.close()
+    (chunk,) = (
+        chunk
+        for chunk in rerun.chunk.RrdReader(str(tmp_path / "training.rrd")).stream()
+        if "training" in str(chunk.entity_path)
+    )
+    batch = chunk.to_record_batch()
+    assert batch.column("iteration").to_pylist() == [25, 200]
+    assert {time.total_seconds() for time in batch.column("sim_time").to_pylist()} == {0.0}

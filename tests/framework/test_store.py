@@ -186,3 +186,17 @@ def test_a_stage_can_resume_only_where_items_are_stored(tmp_path):
     assert context.first_item == 2
     with pytest.raises(ValueError, match="3 are stored"):
         context.resume(4)
+
+
+def test_pictures_that_a_stage_showed_stay_beside_its_result_and_decide_nothing(tmp_path):
+    contents = []
+    for kind in ("shown", "silent"):
+        entry = Store(tmp_path).entry(kind, "k")
+        context = Context(device=Device(), scratch=entry.scratch, pictures=entry.pictures_of_stage)
+        if kind == "shown":
+            context.show("a.jpg", 25, np.full((8, 8, 3), 200, np.uint8))
+        entry.write(SplatCloud.empty(), lambda: {"figures": {}})
+        contents.append(entry.content)
+    assert contents[0] == contents[1]
+    assert [path.name for path in Store(tmp_path).entry("shown", "k").pictures.glob("*/*")] == ["00000025.jpg"]
+    assert not Store(tmp_path).entry("silent", "k").pictures.exists()

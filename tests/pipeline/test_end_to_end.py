@@ -120,6 +120,7 @@ def test_the_recording_is_sound_and_holds_every_product(place):
         "/figures/mass/moving", "/figures/volume/outside", "/report/result", "/report/config",
     }  # fmt: skip
     assert sum(entity.startswith("/survey/cameras/") for entity in entities) == 32
+    assert sum(entity.startswith("/training/") for entity in entities) == 1
     assert reader.blueprints()
     assert recording.stat().st_size < 300e6
 

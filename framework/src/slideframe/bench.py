@@ -152,6 +152,7 @@ class Bench:
         context = Context(
             device=device,
             scratch=entry.scratch,
+            pictures=entry.pictures_of_stage,
             cache=self.store.cache(stage.name),
             seed=self.seed,
             stored=entry.stored_items(PRODUCT_OF[stage.kind]) if stage.kind in STREAMS else 0,

@@ -189,6 +189,7 @@ class RunFolder:
                 maps,
                 lambda thinned: result_table(result, thinned),
                 lambda done, total: progress("recording", done, total),
+                bench.results["reconstructor"].entry.pictures if "reconstructor" in values else None,
             )
 
     def _result(self, config: RunConfig, bench: Bench, appraisal: "Appraisal | None") -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from slideframe.arrays import UInt8Array
 from slideframe.device import Device
 from slideframe.errors import ConfigurationError
 from slideframe.problem import FillingProblem, ProblemModel, SimulationProblem, Site, View
@@ -39,6 +40,7 @@ class Context:
         stored: how many items of this stream a run that broke off has left in the store, from the first on.
         figures: measured results by name, units in the name, such as `held_out_psnr_db`.
         warnings: statements that the user must see beside the result.
+        pictures: a folder for pictures of how the stage comes along, kept beside the result; None: nobody looks.
     """
 
     device: Device
@@ -49,6 +51,7 @@ class Context:
     on_progress: Callable[[float, float, dict[str, float]], None] = _ignore_progress
     figures: dict[str, FigureValue] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    pictures: Path | None = None
     _resumed: list[int] = field(default_factory=list, init=False, repr=False)
 
     def resume(self, item: int) -> None:
@@ -71,6 +74,27 @@ class Context:
     def progress(self, done: float, total: float, **figures: float) -> None:
         """Tell how far the stage is, with figures worth watching."""
         self.on_progress(done, total, figures)
+
+    def show(self, name: str, iteration: int, pixels: UInt8Array) -> None:
+        """Keep a picture (row, column, 3), sRGB, for the recording, which shows it on the timeline `iteration`.
+
+        It may be shown again after a run broke off. A disk without room for it costs the picture, not the stage.
+
+        Args:
+            name: of the series, which names its files too.
+            iteration: of the stage.
+            pixels: as 8-bit sRGB.
+        """
+        if self.pictures is None:
+            return
+        from PIL import Image
+
+        try:
+            folder = self.pictures / name
+            folder.mkdir(parents=True, exist_ok=True)
+            Image.fromarray(pixels).save(folder / f"{iteration:08d}.jpg", quality=85)
+        except OSError as error:
+            _log.warning("a picture of %s at iteration %d could not be kept: %s", name, iteration, error)
 
     def figure(self, name: str, value: FigureValue) -> None:
         """Report a measured result, a finite number or a word."""

@@ -1,6 +1,7 @@
 """Results on disk, each whole or absent under its key.
 
-store/<kind>-<key>/           manifest.json, and a product's arrays or a stream's numbered items
+store/<kind>-<key>/           manifest.json, and a product's arrays or a stream's numbered items, and pictures/
+                              <name>/<iteration>.jpg where a stage showed how it came along
 store/<kind>-<key>.partial/   being written; renamed when whole. A product's is thrown away when found; a stream's items
                               are each whole or absent, and a stage that can resume goes on after them
 store/<kind>-<key>.scratch/   the computing stage's own folder; gone when its product is whole
@@ -29,6 +30,7 @@ from slideframe.errors import StoreError
 # raised whenever the layout below changes, so that older results are not mistaken for new ones
 FORMAT = 4
 MANIFEST = "manifest.json"
+PICTURES = "pictures"
 _IMAGE_AXES = ("row", "column", 3)
 
 ProductType = TypeVar("ProductType", bound=Product)
@@ -114,6 +116,16 @@ class Entry:
                 where=str(self.folder),
                 cure="delete its folder in the store, then run again",
             ) from error
+
+    @property
+    def pictures_of_stage(self) -> Path:
+        """Where the computing stage's pictures are, until its product is whole."""
+        return self._beside(".scratch") / PICTURES
+
+    @property
+    def pictures(self) -> Path:
+        """Where the pictures are that the stage showed of how it came along; there may be none."""
+        return self.folder / PICTURES
 
     @property
     def content(self) -> str:
@@ -211,6 +223,8 @@ class Entry:
             partial.mkdir(parents=True, exist_ok=True)
         yield partial
         with storing(self.folder):
+            if self.pictures_of_stage.is_dir():
+                self.pictures_of_stage.rename(partial / PICTURES)
             os.sync()  # the arrays too are on the disk before the result counts as whole
             shutil.rmtree(self.folder, ignore_errors=True)
             partial.rename(self.folder)

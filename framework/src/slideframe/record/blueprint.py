@@ -17,11 +17,13 @@ class Eye(NamedTuple):
     target: tuple[float, float, float]
 
 
-def blueprint(eye: Eye | None, active_tab: int = 0, compared: bool = False, stressed: bool = False) -> rrb.Blueprint:
+def blueprint(
+    eye: Eye | None, active_tab: int = 0, compared: bool = False, stressed: bool = False, pictured: bool = False
+) -> rrb.Blueprint:
     """Lay out the motion with film, map and plots, then the scan, the survey's quality, the volume, the report.
 
     With `compared`, the volume has a map of its surface's difference to a reference ground; with `stressed`, particles
-    are shown by plastic strain and stress too.
+    are shown by plastic strain and stress too; with `pictured`, the scan has pictures of how it came about.
     """
     controls = rrb.EyeControls3D(position=eye.position, look_target=eye.target, eye_up=(0, 0, 1)) if eye else None
 
@@ -32,7 +34,11 @@ def blueprint(eye: Eye | None, active_tab: int = 0, compared: bool = False, stre
     return rrb.Blueprint(
         rrb.Tabs(
             _motion(space("Motion", "/motion/splats", "/boundary/**")),
-            space("Scan", "/survey/points", "/survey/cameras/**", "/reconstruction/**"),
+            rrb.Tabs(
+                space("Splats", "/survey/points", "/survey/cameras/**", "/reconstruction/**"),
+                *([rrb.Spatial2DView(origin="/training", name="Training")] if pictured else []),
+                name="Scan",
+            ),
             rrb.Grid(
                 *(rrb.Spatial2DView(origin=f"/survey/maps/{name}", name=name.capitalize()) for name in SURVEY_MAPS),
                 name="Survey",

@@ -13,6 +13,7 @@ from slideframe.record.motion import log_motion
 from slideframe.record.report import log_report, send_properties
 from slideframe.record.scene import log_splats, log_survey, log_survey_maps
 from slideframe.record.stream import Recording
+from slideframe.record.training import log_training
 from slideframe.record.volume import log_filling
 from slideframe.release.plan import plan_of
 from slideframe.showing import soil_bounds
@@ -35,6 +36,7 @@ def record_run(
     maps: "Mapping[str, Image.Image]",
     page: Callable[[list[str]], str],
     progress: Callable[[int, int], None],
+    pictures: Path | None,
 ) -> list[str]:
     """Write the recording of whatever products there are; return what was left out, one phrase each.
 
@@ -50,12 +52,16 @@ def record_run(
         maps: of the survey's quality, by name.
         page: makes the result page (markdown) from what was left out.
         progress: is told of frames done and of how many.
+        pictures: the folder of those that the reconstructor showed, if it did.
     """
     shown = {"compared": comparison is not None, "stressed": config.simulation.record_stress}
+    shown["pictured"] = pictures is not None and pictures.is_dir()
     recording, left_out = Recording(path, name, _eye(config, values), **shown), []
     stream, budget = recording.stream, config.outputs.recording_megabytes * 1e6 * (1 - RESERVE)
     send_properties(stream, config)
     _log_still(recording, config, values, figures, comparison, maps)
+    if pictures is not None:
+        log_training(stream, pictures)
     if "renderer" in values:
         left_out += log_film(stream, values["renderer"], config.simulation.frame_rate)
     if "solver" in values:

@@ -33,6 +33,7 @@ class Recording:
         active_tab: int = 0,
         compared: bool = False,
         stressed: bool = False,
+        pictured: bool = False,
     ) -> None:
         """Open the file beside its final place, blueprint first.
 
@@ -43,11 +44,12 @@ class Recording:
             active_tab: the one that is open at first.
             compared: whether there is a map of the surface's difference to a reference ground.
             stressed: whether particles carry stress and plastic strain.
+            pictured: whether there are pictures of how the scan came about.
         """
         self._path = path
         self._partial = path.with_name(path.name + ".partial")
         self.stream = rr.RecordingStream(APPLICATION, recording_id=name)
-        self.stream.save(self._partial, default_blueprint=blueprint(eye, active_tab, compared, stressed))
+        self.stream.save(self._partial, default_blueprint=blueprint(eye, active_tab, compared, stressed, pictured))
         self.stream.send_recording_name(name)
         self.stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
 

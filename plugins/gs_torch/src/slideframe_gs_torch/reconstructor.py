@@ -80,6 +80,13 @@ class TorchSplats(Reconstructor):
         default=None,
         description="sRGB, 0 to 1, seen in training where no splat is; none: the mean colour of the photographs",
     )
+    previews: int = Field(
+        default=12,
+        ge=0,
+        le=1000,
+        description="pictures of how training comes along, of a photograph held out beside its splats, that the "
+        "recording shows; 0: none",
+    )
     opaque_weight: float = Field(
         default=0.05,
         ge=0,

@@ -15,6 +15,7 @@ from slideframe_gs_torch.blocks import Block, blocks_of, merge, survey_of
 from slideframe_gs_torch.evaluation import Likeness, likeness
 from slideframe_gs_torch.held_out import HeldOut, report_held_out
 from slideframe_gs_torch.initialisation import warn_of_few_points
+from slideframe_gs_torch.previews import Previews
 from slideframe_gs_torch.threads import one_torch_thread
 from slideframe_gs_torch.training import Scene, train
 from slideframe_gs_torch.views import load_views
@@ -56,7 +57,7 @@ def train_site(options: "TorchSplats", survey: Survey, context: Context) -> Spla
     blocks = blocks_of(survey, options.blocks)
     with one_torch_thread():
         trained = [
-            train_block(options, survey, block, context_of_block(context, number, len(blocks)))
+            train_block(options, survey, block, number, context_of_block(context, number, len(blocks)))
             for number, block in enumerate(blocks)
         ]
         splats = merge([block.splats for block in trained])
@@ -65,7 +66,7 @@ def train_site(options: "TorchSplats", survey: Survey, context: Context) -> Spla
     return splats
 
 
-def train_block(options: "TorchSplats", survey: Survey, block: Block, context: Context) -> Trained:
+def train_block(options: "TorchSplats", survey: Survey, block: Block, number: int, context: Context) -> Trained:
     """Train on the photographs that see a block and keep what lies in it."""
     held_out, shown = split_photographs(block.photographs, options.hold_out_every)
     views = load_views(survey, shown, options.image_width, context)
@@ -76,8 +77,9 @@ def train_block(options: "TorchSplats", survey: Survey, block: Block, context: C
             cure="look at the masks, which leave out all of them",
         )
     scene = Scene.of(options, survey if block.is_whole else survey_of(survey, block), views)
-    measure = HeldOut(options, load_views(survey, held_out, options.image_width, context), scene.behind)
-    state = train(options, scene, measure, context)
+    measuring = load_views(survey, held_out, options.image_width, context)
+    previews = Previews.of(options, measuring or views, scene.behind, number * options.iterations)
+    state = train(options, scene, HeldOut(options, measuring, scene.behind), previews, context)
     if not block.is_whole:
         checkpoint.Writer(context).save(state)  # so that a run that breaks off in the next block finds this one done
     scales = state.parameters.raw["log_scales"].exp().numpy()

@@ -18,6 +18,7 @@ from slideframe_gs_torch.held_out import HeldOut
 from slideframe_gs_torch.image_loss import image_loss
 from slideframe_gs_torch.initialisation import initial_parameters, scene_extent
 from slideframe_gs_torch.optimiser import Adam, Pressure
+from slideframe_gs_torch.previews import Previews
 from slideframe_gs_torch.rasterize import Raster, rasterize
 from slideframe_gs_torch.views import TrainingView
 
@@ -61,7 +62,7 @@ class Scene:
         return cls(survey, shown, options.background or mean_colour(shown), scene_extent(survey))
 
 
-def train(options: "TorchSplats", scene: Scene, measure: HeldOut, context: Context) -> State:
+def train(options: "TorchSplats", scene: Scene, measure: HeldOut, previews: Previews, context: Context) -> State:
     """Return the state after the last iteration, gone on from a checkpoint where there is one."""
     state = checkpoint.load(context.scratch)
     fresh = state is None
@@ -74,12 +75,19 @@ def train(options: "TorchSplats", scene: Scene, measure: HeldOut, context: Conte
     )
     if fresh:
         growth.start(state)
-    optimise(options, scene, state, growth, measure, context)
+    optimise(options, scene, state, growth, measure, previews, context)
+    previews.show_last(state, context)
     return state
 
 
 def optimise(
-    options: "TorchSplats", scene: Scene, state: State, growth: Densifier, measure: HeldOut, context: Context
+    options: "TorchSplats",
+    scene: Scene,
+    state: State,
+    growth: Densifier,
+    measure: HeldOut,
+    previews: Previews,
+    context: Context,
 ) -> None:
     """Carry the state to the last iteration, or until it has settled, with a checkpoint now and then."""
     pyramids = [{factor: view.reduced(factor) for factor in (4, 2, 1)} for view in scene.shown]
@@ -103,6 +111,7 @@ def optimise(
             figures |= {"held_out_psnr_db": state.curve[-1][2]} if state.curve else {}
             context.progress(state.iteration, options.iterations, **figures)
         state.settled = measure.settled(state)
+        previews.show_if_due(state, context)
         if state.iteration % CHECKPOINT_EVERY == 0:
             checkpoints.save(state)
 
