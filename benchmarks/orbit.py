@@ -1,6 +1,6 @@
 """An oblique orbit of the demo's slope, all at one pitch, told with less and less metadata, against the truth.
 
-    python benchmarks/orbit.py [--count 20] [--width 640]
+    python benchmarks/orbit.py [--count 20] [--width 640] [--keep FOLDER]
 
 The hardest geometry for a lens: nothing but positions and small differences of pitch tell the focal length. Each row
 takes something away: the calibration, a right focal length, RTK, and at last all XMP, so that MakerNote and EXIF's
@@ -19,14 +19,15 @@ from cameras import HEAD, Truth, locate, print_accuracy
 from machine import print_machine
 from PIL import ExifTags, Image
 
-from slideframe.demo.flight import Flight
+from slideframe.demo.flight import FLIGHT_MEAN, Flight
 from slideframe.demo.lens import pixel_rays, reduced_camera
 from slideframe.demo.metadata import Shot, exif_of, xmp_of
 from slideframe.demo.scene import build_scene
 from slideframe.demo.survey import ORIGIN
 from slideframe.geodesy import geodetic_from_enu
 
-RADIUS, HEIGHT, PITCH = 60.0, 58.0, -45.0  # m, m, degrees
+RADIUS, HEIGHT, PITCH = 75.0, 70.0, -38.0  # m, m above the road, degrees
+SLOPE = np.array([2.0, 10.0])  # its middle, m east and north of the origin
 RTK_SIGMA = (0.012, 0.012, 0.02)  # m
 GPS_SIGMA = (1.5, 1.5, 1.5)  # m
 COMPASS_BIAS, GIMBAL_NOISE = 0.8, 0.3  # degrees
@@ -40,7 +41,8 @@ def fly(count: int) -> Flight:
     """Fly once round, by hand: 0.2 m and half a degree of pitch beside the plan."""
     random = np.random.default_rng(3)
     heading = np.linspace(0, 2 * np.pi, count, endpoint=False)
-    positions = np.column_stack([RADIUS * np.sin(heading), RADIUS * np.cos(heading), np.full(count, HEIGHT)])
+    around = SLOPE + RADIUS * np.column_stack([np.sin(heading), np.cos(heading)])
+    positions = np.column_stack([around, np.full(count, HEIGHT - FLIGHT_MEAN[2])])
     positions += random.normal(0, 0.2, positions.shape)
     yaw = np.degrees(heading) % 360 - 180
     angles = np.column_stack([yaw, np.full(count, PITCH), np.zeros(count)])
@@ -97,7 +99,7 @@ def tellings(flight: Flight) -> Iterator[tuple[str, list[Shot], Callable[[Shot],
 
 
 def write(folder: Path, pictures: list[np.ndarray], shots: list[Shot], headers: Callable[[Shot], Headers]) -> Path:
-    folder.mkdir()
+    folder.mkdir(parents=True)
     for picture, shot in zip(pictures, shots, strict=True):
         exif, packet = headers(shot)
         stream = io.BytesIO()
@@ -111,6 +113,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--width", type=int, default=640)
+    parser.add_argument("--keep", type=Path, help="folder for the photographs, to use them elsewhere")
     options = parser.parse_args()
     print_machine("slideframe-pose-rtk", "pycolmap", "numpy", "pillow")
     print(
@@ -122,7 +125,7 @@ def main() -> None:
     pictures = [scene.photograph(camera, rays, pose, seed=number) for number, pose in enumerate(poses)]
     with tempfile.TemporaryDirectory() as temporary:
         for number, (title, shots, headers) in enumerate(tellings(flight)):
-            folder = write(Path(temporary) / str(number), pictures, shots, headers)
+            folder = write((options.keep or Path(temporary)) / str(number), pictures, shots, headers)
             truth = Truth(folder, ORIGIN, {shot.file_name: pose for shot, pose in zip(shots, poses, strict=True)})
             cache = Path(temporary) / "cache"
             cache.mkdir(exist_ok=True)
