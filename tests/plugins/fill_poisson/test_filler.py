@@ -187,12 +187,13 @@ def test_interior_colours_fade_from_the_surface_s_into_one(filled):
     depth = (np.array([0, 0, 3.0]) - filling.interior.centers) @ np.array([0, -0.6, 1]) / np.hypot(0.6, 1)
     deep = depth > 4
     assert deep.any()
-    # patches differ by a few hundredths from one colour, which is less green than the surface
-    assert np.ptp(colours[deep], axis=0).max() < 2 * 0.06 / 0.28 + 0.05
+    # lumps vary less than the surface's means do, about one colour, which is less green than the surface
+    variety, means = colours[deep].std(axis=0).mean(), splats.harmonics[:, 0].std() / 32**0.5
+    assert 0.2 * means < variety < means
     assert (colours[deep] @ [-1, 2, -1]).mean() < (splats.harmonics[:, 0] @ [-1, 2, -1]).mean() - 0.1
-    # a quarter metre down, 78 % of the mean's scatter of 0.18 is left
+    # a quarter metre down, 78 % of the means' scatter of 0.18 is left, beside that of the lumps
     shallow = np.abs(depth - 0.25) < 0.2
-    assert colours[shallow].std(axis=0).mean() == pytest.approx(0.78 * splats.harmonics[:, 0].std() / 32**0.5, rel=0.2)
+    assert colours[shallow].std(axis=0).mean() == pytest.approx(np.hypot(0.78 * means, variety), rel=0.2)
 
 
 def test_palette_colours_the_soil(filled):

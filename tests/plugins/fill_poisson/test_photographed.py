@@ -57,6 +57,5 @@ def test_soil_has_the_photographs_colour(taken, make_splats, scatter, box, conte
     seen = taken(dict.fromkeys(range(9), plain(BROWN)))
     filling = PoissonFiller().fill(seen, make_splats(scatter(lambda x, y: 3 + 0.6 * y)), box(), context)
     colors = 0.5 + 0.28209479 * filling.interior.harmonics[:, 0]
-    # patches of one shade differ by 0.06
-    assert np.abs(colors - np.array(BROWN) / 255).max() < 0.06 + LEVELS
+    assert np.abs(colors - np.array(BROWN) / 255).max() < 2 * LEVELS
     assert context.figures["photographed_share"] > 0.9

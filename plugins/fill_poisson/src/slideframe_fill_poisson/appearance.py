@@ -7,10 +7,13 @@ from slideframe.arrays import Float32Array, Int32Array
 from slideframe.products import SplatCloud
 
 HARMONIC_0 = 0.28209479177387814  # zeroth real spherical harmonic, 1 / (2 sqrt(pi))
-PATCH_SPACINGS = 2.0  # side of the patches of soil that have one shade, in particle spacings
-# Grass and shadows end at the surface: its colours fade with depth into the usual one of the region.
+PATCH_SPACINGS = 2.0  # side of the patches of one colour of a palette, in particle spacings
+# Grass and shadows end at the surface: its colours fade with depth into those of bare ground.
 FADING_DEPTH = 1.0  # m at which 1 / e of the surface's own colour is left
-SHADE = 0.06  # largest deviation of a patch's brightness, sRGB
+# Lumps of soil: side, in spacings of the splats, which blend with their neighbours, and share in the colours' variety.
+LUMPS = ((2.0, 0.7), (6.0, 0.4))
+# Of bare ground, what is neither in shadow nor painted.
+USUAL_BRIGHTNESS = (10.0, 90.0)  # percentiles
 QUERIES_AT_ONCE = 200_000
 
 UInt64Array = npt.NDArray[np.uint64]
@@ -42,7 +45,7 @@ class SoilColors:
             unseen = np.flatnonzero(np.isnan(photographed[:, 0]))
             self._of_vertex = _base(photographed)
             self._of_vertex[unseen] = _mean_colors(ground[unseen], observed, neighbors)
-            self._usual = _bare(self._of_vertex)
+            self._bare = _bare(self._of_vertex)
 
     def at(self, points: Float32Array, foot: Float32Array, vertex: Int32Array, spacing: float) -> Float32Array:
         """Return the base colour (point, 1, 3) of soil at `points` (point, 3).
@@ -53,18 +56,17 @@ class SoilColors:
             vertex: vertex of the surface nearest to that (point,).
             spacing: of the particles, m.
         """
-        patch = _hash(points, PATCH_SPACINGS * spacing)
         if self._palette:
-            chosen = (patch % np.uint64(len(self._palette))).astype(np.int64)
-            colors = _base(np.asarray(self._palette, np.float32)[chosen])
+            colors = _picked(_base(np.asarray(self._palette, np.float32)), points, PATCH_SPACINGS * spacing)
         elif self._of_vertex is None:
             colors = self._observed.harmonics[_nearest(foot, self._observed, 1)[:, 0], 0]
         else:
             depth = np.linalg.norm(foot - points, axis=1)[:, None]
             left = np.exp(-depth / FADING_DEPTH)
-            shade = (patch % np.uint64(2001)).astype(np.float32)[:, None] / 1000 - 1
-            deep = self._usual + (SHADE / HARMONIC_0) * shade
-            colors = left * self._of_vertex[vertex] + (1 - left) * deep
+            usual = np.median(self._bare, axis=0)
+            colors = left * self._of_vertex[vertex] + (1 - left) * usual
+            for side, share in LUMPS:
+                colors += share * (_picked(self._bare, points, side * spacing) - usual)
         return np.ascontiguousarray(colors[:, None, :], np.float32)
 
 
@@ -74,13 +76,21 @@ def _base(colors: Float32Array) -> Float32Array:
 
 
 def _bare(colors: Float32Array) -> Float32Array:
-    """Return the median of the half of the base colours (point, 3) with the least excess green.
+    """Return those of the base colours (point, 3) that are bare ground's: the half with the least excess green.
 
     Excess green 2 g - r - b tells plants from soil (Woebbecke et al. 1995).
     """
     greenness = 2 * colors[:, 1] - colors[:, 0] - colors[:, 2]
-    bare: Float32Array = np.median(colors[greenness <= np.median(greenness)], axis=0)
-    return bare
+    bare = colors[greenness <= np.median(greenness)]
+    brightness = bare.mean(axis=1)
+    low, high = np.percentile(brightness, USUAL_BRIGHTNESS)
+    usual: Float32Array = bare[(brightness >= low) & (brightness <= high)]
+    return usual
+
+
+def _picked(colors: Float32Array, points: Float32Array, size: float) -> Float32Array:
+    """Return one of the colours for each point, the same for all in a cube of `size` metres."""
+    return colors[(_hash(points, size) % np.uint64(len(colors))).astype(np.int64)]
 
 
 def _mean_colors(points: Float32Array, observed: SplatCloud, neighbors: int) -> Float32Array:

@@ -12,6 +12,7 @@ from slideframe_fill_poisson.surface import Surface
 
 # On a square lattice of splats 0.75 spacings wide, 0.5 % of light gets through where it is thinnest.
 IN_PLANE_SHARE = 0.75
+FINENESS = 0.4  # of the surface's spacing: what opens is looked at
 THICKNESS_SHARE = 0.1
 MOST_SPLATS = 200_000
 OPACITY = 0.99
@@ -29,13 +30,13 @@ def scar_splats(
         scar: faces with normals out of the ground that stays.
         surface: the ground.
         soil: all soil, the mass included.
-        spacing: of splats, m; wider where a large scar would take too many.
+        spacing: of the surface's splats, m; those of the scar lie closer unless it is too large.
         particle_spacing: m.
         colors: of the soil.
     """
     if not len(scar.triangles):
         return SplatCloud.empty()
-    wide = max(spacing, float(np.sqrt(_area(scar) / MOST_SPLATS)))
+    wide = max(FINENESS * spacing, float(np.sqrt(_area(scar) / MOST_SPLATS)))
     points, normals = _lattice_points(scar, wide)
     thickness = THICKNESS_SHARE * wide
     centers = (points - DRAWN_SIGMAS * thickness * normals).astype(np.float32)
@@ -49,7 +50,7 @@ def scar_splats(
         rotations=quaternions_of(axes).astype(np.float32),
         scales=scales.astype(np.float32),
         opacities=np.full(len(centers), OPACITY, np.float32),
-        harmonics=colors.at(centers, foot, vertex, particle_spacing),
+        harmonics=colors.at(centers, foot, vertex, wide),
     )
 
 
