@@ -4,6 +4,9 @@ The same law as `slideframe.coupling.Coupling.at`, its float64 arbiter, with thr
 whose bits are those of the frame before is passed over, a splat outside the picture keeps its old shape,
 and a deformation within the bounds of stretch needs no singular values. Tasks share no sums, so results
 are the same bits for any number of threads.
+
+Functions take a whole array and an index: a slice of it counts its references in an atomic that all threads
+share, which took longer than the arithmetic.
 """
 
 import math
@@ -36,20 +39,15 @@ def positive_definite(a, b, c, d, e, f):
 
 
 @njit(cache=True, error_model="numpy")
-def within_bounds(F):
-    """Tell whether every singular value of F lies between the bounds, and F is not inverted."""
+def within_bounds(F, k):
+    """Tell whether every singular value of F[k] lies between the bounds, and F[k] is not inverted."""
     low, high = LEAST_STRETCH**2 * (1 - STRETCH_ROUNDING), MOST_STRETCH**2 * (1 + STRETCH_ROUNDING)
-    a = F[0, 0] * F[0, 0] + F[1, 0] * F[1, 0] + F[2, 0] * F[2, 0]
-    b = F[0, 1] * F[0, 1] + F[1, 1] * F[1, 1] + F[2, 1] * F[2, 1]
-    c = F[0, 2] * F[0, 2] + F[1, 2] * F[1, 2] + F[2, 2] * F[2, 2]
-    d = F[0, 0] * F[0, 1] + F[1, 0] * F[1, 1] + F[2, 0] * F[2, 1]
-    e = F[0, 0] * F[0, 2] + F[1, 0] * F[1, 2] + F[2, 0] * F[2, 2]
-    f = F[0, 1] * F[0, 2] + F[1, 1] * F[1, 2] + F[2, 1] * F[2, 2]
-    upright = (
-        F[0, 0] * (F[1, 1] * F[2, 2] - F[1, 2] * F[2, 1])
-        - F[0, 1] * (F[1, 0] * F[2, 2] - F[1, 2] * F[2, 0])
-        + F[0, 2] * (F[1, 0] * F[2, 1] - F[1, 1] * F[2, 0])
-    ) > 0
+    xx, xy, xz = np.float64(F[k, 0, 0]), np.float64(F[k, 0, 1]), np.float64(F[k, 0, 2])
+    yx, yy, yz = np.float64(F[k, 1, 0]), np.float64(F[k, 1, 1]), np.float64(F[k, 1, 2])
+    zx, zy, zz = np.float64(F[k, 2, 0]), np.float64(F[k, 2, 1]), np.float64(F[k, 2, 2])
+    a, b, c = xx * xx + yx * yx + zx * zx, xy * xy + yy * yy + zy * zy, xz * xz + yz * yz + zz * zz
+    d, e, f = xx * xy + yx * yy + zx * zy, xx * xz + yx * yz + zx * zz, xy * xz + yy * yz + zy * zz
+    upright = xx * (yy * zz - yz * zy) - xy * (yx * zz - yz * zx) + xz * (yx * zy - yy * zx) > 0
     return (
         upright
         and positive_definite(a - low, b - low, c - low, d, e, f)
@@ -58,21 +56,23 @@ def within_bounds(F):
 
 
 @njit(cache=True, error_model="numpy")
-def polar_rotation(F, R):
-    """Write the rotation R of F = R U, by Newton's iteration X <- (X + X^-T) / 2 (Higham 1986)."""
-    for i in range(3):
-        for j in range(3):
-            R[i, j] = F[i, j]
-    cofactors = np.empty((3, 3))
+def polar_rotation(F, k, R):
+    """Write the rotation R[k] of F[k] = R U, by Newton's iteration X <- (X + X^-T) / 2 (Higham 1986)."""
+    xx, xy, xz = np.float64(F[k, 0, 0]), np.float64(F[k, 0, 1]), np.float64(F[k, 0, 2])
+    yx, yy, yz = np.float64(F[k, 1, 0]), np.float64(F[k, 1, 1]), np.float64(F[k, 1, 2])
+    zx, zy, zz = np.float64(F[k, 2, 0]), np.float64(F[k, 2, 1]), np.float64(F[k, 2, 2])
     for _ in range(POLAR_STEPS):
-        for i in range(3):
-            for j in range(3):
-                k, m, n, o = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
-                cofactors[i, j] = R[k, n] * R[m, o] - R[k, o] * R[m, n]
-        determinant = R[0, 0] * cofactors[0, 0] + R[0, 1] * cofactors[0, 1] + R[0, 2] * cofactors[0, 2]
-        for i in range(3):
-            for j in range(3):
-                R[i, j] = 0.5 * (R[i, j] + cofactors[i, j] / determinant)
+        # X^-T are the cofactors over the determinant
+        a, b, c = yy * zz - yz * zy, yz * zx - yx * zz, yx * zy - yy * zx
+        d, e, f = xz * zy - xy * zz, xx * zz - xz * zx, xy * zx - xx * zy
+        g, h, i = xy * yz - xz * yy, xz * yx - xx * yz, xx * yy - xy * yx
+        half = 0.5 / (xx * a + xy * b + xz * c)
+        xx, xy, xz = 0.5 * xx + half * a, 0.5 * xy + half * b, 0.5 * xz + half * c
+        yx, yy, yz = 0.5 * yx + half * d, 0.5 * yy + half * e, 0.5 * yz + half * f
+        zx, zy, zz = 0.5 * zx + half * g, 0.5 * zy + half * h, 0.5 * zz + half * i
+    R[k, 0, 0], R[k, 0, 1], R[k, 0, 2] = xx, xy, xz
+    R[k, 1, 0], R[k, 1, 1], R[k, 1, 2] = yx, yy, yz
+    R[k, 2, 0], R[k, 2, 1], R[k, 2, 2] = zx, zy, zz
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -80,7 +80,7 @@ def follow_particles(
     first_task, last_task, positions, gradients, particles, start, turns,
     last_positions, last_gradients, held, rotations, states, at_rest,
 ):  # fmt: skip
-    """Fill `states` (carrier,), and F and its rotation of those that moved, float64 (carrier, 3, 3).
+    """Fill `states` (carrier,), and F and its rotation of those that moved (carrier, 3, 3).
 
     `particles` are the carriers' places in the frame, `start` their positions at t = 0, `turns` whether
     their rotation is asked for; `at_rest` outlasts the frames in which nothing changes. An F out of bounds
@@ -106,10 +106,10 @@ def follow_particles(
                 held[k, i, j] = gradients[p, i, j]
         if rest:
             states[k] = AT_REST
-        elif within_bounds(held[k]):
+        elif within_bounds(held, k):
             states[k] = MOVED
             if turns[k]:
-                polar_rotation(held[k], rotations[k])
+                polar_rotation(held, k, rotations)
         else:
             states[k] = OUT_OF_BOUNDS
 
@@ -127,13 +127,12 @@ def move_centers(
         if states[k] == UNCHANGED:
             continue
         stale[row] = True
+        x, y, z = np.float64(offsets[row, 0]), np.float64(offsets[row, 1]), np.float64(offsets[row, 2])
         for i in range(3):
             if at_rest[k]:
                 centers[s, i] = rest_centers[s, i]
             else:
-                centers[s, i] = positions[k, i] + (
-                    held[k, i, 0] * offsets[row, 0] + held[k, i, 1] * offsets[row, 1] + held[k, i, 2] * offsets[row, 2]
-                )
+                centers[s, i] = positions[k, i] + (held[k, i, 0] * x + held[k, i, 1] * y + held[k, i, 2] * z)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -150,21 +149,22 @@ def unveil(first_task, last_task, veiled, veils, states, positions, start, width
 
 
 @njit(cache=True, error_model="numpy")
-def can_touch(center, radius, opacity, camera_from_world, intrinsics):
-    """Tell whether a splat can touch the picture; `radius` bounds its standard deviations, m.
+def can_touch(centers, s, radius, opacity, V, intrinsics):
+    """Tell whether splat s can touch the picture; `radius` bounds its standard deviations, m,
+    and `V` (3, 4) is the camera from the world.
 
     On the screen a standard deviation is at most focal / z sqrt(1 + slope^2) times as long.
     """
-    V = camera_from_world
-    focal_x, focal_y, principal_x, principal_y, width, height = intrinsics
-    x, y, z = float(center[0]), float(center[1]), float(center[2])
+    x, y, z = np.float64(centers[s, 0]), np.float64(centers[s, 1]), np.float64(centers[s, 2])
     depth = V[2, 0] * x + V[2, 1] * y + V[2, 2] * z + V[2, 3]
     if not (depth > 0 and opacity > SMALLEST_ALPHA):
         return False
-    slope_x = (V[0, 0] * x + V[0, 1] * y + V[0, 2] * z + V[0, 3]) / depth
-    slope_y = (V[1, 0] * x + V[1, 1] * y + V[1, 2] * z + V[1, 3]) / depth
-    spread = (radius / depth) ** 2
-    u, v = focal_x * slope_x + principal_x, focal_y * slope_y + principal_y
+    focal_x, focal_y, width, height = intrinsics[0], intrinsics[1], intrinsics[4], intrinsics[5]
+    nearness = 1 / depth
+    slope_x = (V[0, 0] * x + V[0, 1] * y + V[0, 2] * z + V[0, 3]) * nearness
+    slope_y = (V[1, 0] * x + V[1, 1] * y + V[1, 2] * z + V[1, 3]) * nearness
+    spread = (radius * nearness) ** 2
+    u, v = focal_x * slope_x + intrinsics[2], focal_y * slope_y + intrinsics[3]
     beyond_x, beyond_y = max(-u, u - width, 0.0), max(-v, v - height, 0.0)
     return beyond_x * beyond_x <= MOST_REACH * (
         spread * focal_x * focal_x * (1 + slope_x * slope_x) + LOW_PASS

@@ -10,6 +10,7 @@ from slideframe.coupling import MovedSplats
 from slideframe.problem import View
 from slideframe.products import Camera
 from slideframe_gs_torch.rasterize import rasterize
+from slideframe_gs_torch.threads import run_shares
 from slideframe_render_gs.picture_kernels import write_levels
 
 # Less light than this, held back in one pixel of 8 bits, is nothing.
@@ -43,7 +44,8 @@ def draw(
         )
     colour = _shrunk(raster.colour.numpy(), factor)
     levels = np.empty((camera.height, camera.width, 3), np.uint8)
-    write_levels(colour, levels)
+    planes = np.ascontiguousarray(np.moveaxis(colour, 2, 0))
+    run_shares(write_levels, camera.height, levels.size, planes, levels)
     fields: dict[str, Any] = {"pixels": levels}
     fine_alpha = raster.alpha.numpy()
     alpha = _shrunk(fine_alpha, factor)

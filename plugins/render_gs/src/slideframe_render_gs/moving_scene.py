@@ -1,21 +1,13 @@
 """All splats of a scene at the time of a frame, deforming no more than what moved and shows."""
 
-import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 
 from slideframe.arrays import Float64Array
 from slideframe.coupling import MOST_STRETCH, Coupling, MovedSplats, clamp_stretch
 from slideframe.products import Camera, ParticleFrame
+from slideframe_gs_torch.threads import run_shares
 from slideframe_render_gs import deformation_kernels as kernels
 from slideframe_render_gs.shape_kernels import reshape
-
-# Shares per thread: they differ in cost.
-SHARES_PER_THREAD = 4
-# Below this many tasks, handing them out takes longer than doing them.
-WORTH_THREADS = 4096
 
 
 class MovingScene:
@@ -25,10 +17,12 @@ class MovingScene:
         """Start with every splat at rest."""
         self._coupling, rest = coupling, coupling.rest
         carriers, rows = len(coupling.particles), len(coupling.moving)
-        self._positions, self._gradients = np.full((carriers, 3), np.nan), np.full((carriers, 3, 3), np.nan, np.float32)
-        self._held, self._turned = np.empty((carriers, 3, 3)), np.tile(np.eye(3), (carriers, 1, 1))
+        self._positions = np.full((carriers, 3), np.nan, np.float32)
+        self._gradients = np.full((carriers, 3, 3), np.nan, np.float32)
+        self._held = np.empty((carriers, 3, 3), np.float32)
+        self._turned = np.tile(np.eye(3, dtype=np.float32), (carriers, 1, 1))
         self._states, self._at_rest = np.empty(carriers, np.uint8), np.ones(carriers, np.bool_)
-        self._axes = coupling.axes.astype(np.float32)
+        self._axes, self._offsets = coupling.axes.astype(np.float32), coupling.offsets.astype(np.float32)
         self._stale = np.zeros(rows, np.bool_)
         # whatever shape a splat has kept, it is no larger
         self._radii = MOST_STRETCH * rest.scales[coupling.moving].max(axis=1, initial=0)
@@ -36,8 +30,6 @@ class MovingScene:
             rest.centers.copy(), rest.rotations.copy(), rest.scales.copy(), rest.opacities.copy(),
             rest.harmonics, rest.frame_rotations.copy(),
         )  # fmt: skip
-        self._threads = len(os.sched_getaffinity(0))
-        self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="deform")
 
     def at(self, frame: ParticleFrame, camera: Camera, world_from_camera: Float64Array) -> MovedSplats:
         """Return every splat at the frame's time; those that can't touch the camera's picture may have an old shape.
@@ -53,8 +45,8 @@ class MovingScene:
         rotation = np.asarray(world_from_camera, np.float64)[:, :3]
         camera_from_world = np.column_stack([rotation.T, -rotation.T @ world_from_camera[:, 3]])
         size = camera.focal_x, camera.focal_y, camera.principal_x, camera.principal_y, camera.width, camera.height
-        self._run(
-            reshape, len(coupling.moving),
+        run_shares(
+            reshape, len(coupling.moving), len(coupling.moving),
             coupling.moving, coupling.carriers, self._at_rest, self._held, self._turned, self._axes, coupling.varied,
             self._radii, np.ascontiguousarray(camera_from_world), np.array(size, np.float64),
             rest.rotations, rest.scales, now.centers, now.opacities, self._stale,
@@ -65,30 +57,21 @@ class MovingScene:
     def _follow(self, frame: ParticleFrame) -> None:
         """Move the centres and lift the veils of what changed since the frame before."""
         coupling, rest, now = self._coupling, self._coupling.rest, self._now
-        self._run(
-            kernels.follow_particles, len(coupling.particles),
+        carriers, rows, veiled = len(coupling.particles), len(coupling.moving), len(coupling.veiled)
+        run_shares(
+            kernels.follow_particles, carriers, carriers,
             frame.positions, frame.deformation_gradients, coupling.particles, coupling.start, coupling.turns,
             self._positions, self._gradients, self._held, self._turned, self._states, self._at_rest,
         )  # fmt: skip
         wild = np.flatnonzero(self._states == kernels.OUT_OF_BOUNDS)
-        self._held[wild], self._turned[wild] = clamp_stretch(self._held[wild])
-        self._run(
-            kernels.move_centers, len(coupling.moving),
+        self._held[wild], self._turned[wild] = clamp_stretch(self._held[wild].astype(np.float64))
+        run_shares(
+            kernels.move_centers, rows, rows,
             coupling.moving, coupling.carriers, self._states, self._at_rest, self._positions, self._held,
-            coupling.offsets, rest.centers, now.centers, self._stale,
+            self._offsets, rest.centers, now.centers, self._stale,
         )  # fmt: skip
-        self._run(
-            kernels.unveil, len(coupling.veiled),
+        run_shares(
+            kernels.unveil, veiled, veiled,
             coupling.veiled, coupling.veils, self._states, self._positions, coupling.start, coupling.widths,
             rest.opacities, now.opacities,
         )  # fmt: skip
-
-    def _run(self, kernel: Callable[..., None], tasks: int, *arguments: object) -> None:
-        """Call kernel(first, last, *arguments) on shares of range(tasks), on all cores."""
-        if tasks < WORTH_THREADS:
-            kernel(0, tasks, *arguments)
-            return
-        share = -(-tasks // (self._threads * SHARES_PER_THREAD))
-        shares = [(first, min(first + share, tasks)) for first in range(0, tasks, share)]
-        for call in [self._pool.submit(kernel, *ends, *arguments) for ends in shares]:
-            call.result()

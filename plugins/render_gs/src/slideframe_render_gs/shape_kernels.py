@@ -15,7 +15,8 @@ from slideframe_render_gs.deformation_kernels import can_touch
 # Splats of a block. A column of its matrices is one array: all first entries, all second, all third.
 # Unsigned, because a loop over numbers that might be negative isn't vectorised.
 SPLATS = 64
-LANES, SECOND, THIRD = np.uint64(SPLATS), np.uint64(SPLATS), np.uint64(2 * SPLATS)
+LANES, TWICE, THRICE = np.uint64(SPLATS), np.uint64(2 * SPLATS), np.uint64(3 * SPLATS)
+SECOND, THIRD = LANES, TWICE
 # Convergence is quadratic: a sweep that met no larger squared cosine than this leaves cosines of a millionth.
 ALMOST_ORTHOGONAL = np.float32(1e-6)
 MOST_SWEEPS = 10
@@ -70,43 +71,33 @@ def normalise(column, lengths):
 
 
 @njit(cache=True, error_model="numpy")
-def load(columns, lane, F, axes):
-    """Write M = F A into a lane of the block, seen as (column, entry, lane)."""
+def load(columns, lane, F, k, axes, row):
+    """Write M = F[k] A[row] into a lane of the block, seen as (column, entry, lane)."""
     for j in range(3):
+        x, y, z = axes[row, 0, j], axes[row, 1, j], axes[row, 2, j]
         for i in range(3):
-            columns[j, i, lane] = F[i, 0] * axes[0, j] + F[i, 1] * axes[1, j] + F[i, 2] * axes[2, j]
+            columns[j, i, lane] = F[k, i, 0] * x + F[k, i, 1] * y + F[k, i, 2] * z
 
 
-@njit(cache=True, error_model="numpy")
-def unload(columns, lengths, lane, M, quaternion, scale):
-    """Write a lane's lengths and the quaternion of its unit columns; `M` (3, 3) is working space."""
-    least = 0
-    for j in range(3):
-        scale[j] = lengths[j, lane]
-        least = j if lengths[j, lane] < lengths[least, lane] else least
-        M[0, j], M[1, j], M[2, j] = columns[j, 0, lane], columns[j, 1, lane], columns[j, 2, lane]
-    # the shortest axis is the cross product of the other two, so that the rotation is proper
-    p, q = (least + 1) % 3, (least + 2) % 3
-    M[0, least] = M[1, p] * M[2, q] - M[2, p] * M[1, q]
-    M[1, least] = M[2, p] * M[0, q] - M[0, p] * M[2, q]
-    M[2, least] = M[0, p] * M[1, q] - M[1, p] * M[0, q]
-    write_quaternion(M, quaternion)
+@njit(cache=True, error_model="numpy", fastmath=True)
+def write_quaternions(first, second, third, quaternions):
+    """Write the unit quaternion wxyz of every rotation of the block, from the largest of its four components.
 
-
-@njit(cache=True, error_model="numpy")
-def write_quaternion(M, quaternion):
-    """Write the unit quaternion wxyz of a rotation M, from the largest of its four components."""
-    xx, yy, zz = M[0, 0], M[1, 1], M[2, 2]
-    w, x, y, z = _ONE + xx + yy + zz, M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]
-    if xx + yy + zz < 0:
-        if xx >= yy and xx >= zz:
-            w, x, y, z = x, _ONE + xx - yy - zz, M[1, 0] + M[0, 1], M[0, 2] + M[2, 0]
-        elif yy >= zz:
-            w, x, y, z = y, M[1, 0] + M[0, 1], _ONE - xx + yy - zz, M[2, 1] + M[1, 2]
-        else:
-            w, x, y, z = z, M[0, 2] + M[2, 0], M[2, 1] + M[1, 2], _ONE - xx - yy + zz
-    shrink = _ONE / math.sqrt(w * w + x * x + y * y + z * z)
-    quaternion[0], quaternion[1], quaternion[2], quaternion[3] = w * shrink, x * shrink, y * shrink, z * shrink
+    The columns are those of a proper rotation: M = F A is proper, and turning its columns leaves it so.
+    """
+    for lane in range(LANES):
+        xx, yx, zx = first[lane], first[SECOND + lane], first[THIRD + lane]
+        xy, yy, zy = second[lane], second[SECOND + lane], second[THIRD + lane]
+        xz, yz, zz = third[lane], third[SECOND + lane], third[THIRD + lane]
+        upright, about_x = xx + yy + zz >= _ZERO, xx >= yy and xx >= zz
+        about_y = not about_x and yy >= zz
+        w = _ONE + xx + yy + zz if upright else (zy - yz if about_x else (xz - zx if about_y else yx - xy))
+        x = zy - yz if upright else (_ONE + xx - yy - zz if about_x else (yx + xy if about_y else xz + zx))
+        y = xz - zx if upright else (yx + xy if about_x else (_ONE - xx + yy - zz if about_y else zy + yz))
+        z = yx - xy if upright else (xz + zx if about_x else (zy + yz if about_y else _ONE - xx - yy + zz))
+        shrink = _ONE / math.sqrt(w * w + x * x + y * y + z * z + _TINY)
+        quaternions[lane], quaternions[LANES + lane] = w * shrink, x * shrink
+        quaternions[TWICE + lane], quaternions[THRICE + lane] = y * shrink, z * shrink
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -119,29 +110,36 @@ def reshape(
     `varied` (row,) is whether a splat's colour depends on the direction it is seen from; only then its frame
     is turned.
     """
-    block, lengths, used = np.ones(9 * SPLATS, np.float32), np.empty((3, SPLATS), np.float32), 0
-    columns, rows, M = block.reshape(3, 3, SPLATS), np.empty(SPLATS, np.int64), np.empty((3, 3), np.float32)
+    block, splats, used = np.ones(9 * SPLATS, np.float32), np.empty(SPLATS, np.int64), 0
+    columns, lengths = block.reshape(3, 3, SPLATS), np.empty((3, SPLATS), np.float32)
+    quaternions = np.empty(4 * SPLATS, np.float32)
     first, second, third = block[: 3 * SPLATS], block[3 * SPLATS : 6 * SPLATS], block[6 * SPLATS :]
     for row in range(first_task, last_task):
         s, k = moving[row], carriers[row]
-        if stale[row] and can_touch(centers[s], radii[row], opacities[s], camera_from_world, intrinsics):
+        if stale[row] and can_touch(centers, s, radii[row], opacities[s], camera_from_world, intrinsics):
             stale[row] = False
             if varied[row]:
                 for i in range(3):
                     for j in range(3):
                         frame_rotations[s, i, j] = (1.0 if i == j else 0.0) if at_rest[k] else turned[k, i, j]
             if at_rest[k]:
-                rotations[s], scales[s] = rest_rotations[s], rest_scales[s]
+                for i in range(4):
+                    rotations[s, i] = rest_rotations[s, i]
+                for i in range(3):
+                    scales[s, i] = rest_scales[s, i]
             else:
-                load(columns, used, held[k], axes[row])
-                rows[used] = row
+                load(columns, used, held, k, axes, row)
+                splats[used] = s
                 used += 1
         if used == SPLATS or (used and row == last_task - 1):
             orthogonalise(first, second, third)
             normalise(first, lengths[0])
             normalise(second, lengths[1])
             normalise(third, lengths[2])
+            write_quaternions(first, second, third, quaternions)
             for lane in range(used):
-                s = moving[rows[lane]]
-                unload(columns, lengths, lane, M, rotations[s], scales[s])
+                for i in range(4):
+                    rotations[splats[lane], i] = quaternions[i * SPLATS + lane]
+                for i in range(3):
+                    scales[splats[lane], i] = lengths[i, lane]
             used = 0
