@@ -55,7 +55,7 @@ def storing(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         cures = {
-            errno.ENOSPC: "free some space, or name another folder with --out; the same command goes on from here",
+            errno.ENOSPC: "free some space: the same command then goes on from here",
             errno.EDQUOT: "free some of your quota, or name another folder with --out",
             errno.EEXIST: "a file stands in the way; name another folder with --out",
             errno.ENOTDIR: "a file stands in the way; name another folder with --out",
