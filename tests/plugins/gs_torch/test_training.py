@@ -101,18 +101,21 @@ def test_no_exported_splat_is_above_the_limit(unbroken):
     assert (splats.scales.max(axis=1) <= OPTIONS.anisotropy_limit * splats.scales.min(axis=1)).all()
 
 
-def test_a_run_cut_off_resumes_to_the_same_bits(flight, unbroken, tmp_path):
+def test_a_run_cut_off_resumes_to_the_same_bits_with_its_photographs_on_disk(flight, unbroken, tmp_path):
+    options = OPTIONS.model_copy(update={"photographs_megabytes": 0})
+
     def interrupt(done: float, total: float, figures: dict[str, float]) -> None:
         if done > training.CHECKPOINT_EVERY:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        OPTIONS.reconstruct(flight, context(tmp_path, on_progress=interrupt))
+        options.reconstruct(flight, context(tmp_path, on_progress=interrupt))
     reports: list[float] = []
-    resumed = OPTIONS.reconstruct(
+    resumed = options.reconstruct(
         flight, context(tmp_path, on_progress=lambda done, total, figures: reports.append(done))
     )
     assert min(reports) > training.CHECKPOINT_EVERY
+    assert len(list((tmp_path / "photographs").iterdir())) == 3 * len(flight.photographs)
     assert resumed == unbroken[0]
 
 

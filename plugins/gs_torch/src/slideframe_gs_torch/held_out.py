@@ -1,5 +1,6 @@
 """Photographs that only measure: how far training has come, when it has settled, and what it reached."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,7 +23,7 @@ class HeldOut:
     """The views that training doesn't see."""
 
     def __init__(
-        self, options: "TorchSplats", views: list[TrainingView], background: tuple[float, float, float]
+        self, options: "TorchSplats", views: Sequence[TrainingView], background: tuple[float, float, float]
     ) -> None:
         """Take the views; there may be none."""
         self._options, self._views, self._background = options, views, background

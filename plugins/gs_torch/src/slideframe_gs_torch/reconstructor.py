@@ -80,6 +80,12 @@ class TorchSplats(Reconstructor):
         default=None,
         description="sRGB, 0 to 1, seen in training where no splat is; none: the mean colour of the photographs",
     )
+    photographs_megabytes: int = Field(
+        default=1000,
+        ge=0,
+        description="memory for photographs in training, MB; those beyond are kept on disk, undistorted and reduced, "
+        "and read when they are shown",
+    )
     previews: int = Field(
         default=12,
         ge=0,

@@ -16,6 +16,7 @@ from slideframe_gs_torch.evaluation import Likeness, likeness
 from slideframe_gs_torch.held_out import HeldOut, report_held_out
 from slideframe_gs_torch.initialisation import warn_of_few_points
 from slideframe_gs_torch.previews import Previews
+from slideframe_gs_torch.shelf import Shelf, ShelvedViews
 from slideframe_gs_torch.threads import one_torch_thread
 from slideframe_gs_torch.training import Scene, train
 from slideframe_gs_torch.views import load_views
@@ -69,7 +70,8 @@ def train_site(options: "TorchSplats", survey: Survey, context: Context) -> Spla
 def train_block(options: "TorchSplats", survey: Survey, block: Block, number: int, context: Context) -> Trained:
     """Train on the photographs that see a block and keep what lies in it."""
     held_out, shown = split_photographs(block.photographs, options.hold_out_every)
-    views = load_views(survey, shown, options.image_width, context)
+    shelf = Shelf(context.scratch / "photographs", options.photographs_megabytes * 1_000_000)
+    views = ShelvedViews(load_views(survey, shown, options.image_width, context), shelf)
     if not views:
         raise InputError(
             "nothing of any photograph is left to train on",
@@ -77,7 +79,7 @@ def train_block(options: "TorchSplats", survey: Survey, block: Block, number: in
             cure="look at the masks, which leave out all of them",
         )
     scene = Scene.of(options, survey if block.is_whole else survey_of(survey, block), views)
-    measuring = load_views(survey, held_out, options.image_width, context)
+    measuring = ShelvedViews(load_views(survey, held_out, options.image_width, context), shelf)
     previews = Previews.of(options, measuring or views, scene.behind, number * options.iterations)
     state = train(options, scene, HeldOut(options, measuring, scene.behind), previews, context)
     if not block.is_whole:

@@ -1,6 +1,7 @@
 """Gradient descent from the sparse cloud to splats that look like the photographs shown."""
 
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
@@ -20,6 +21,7 @@ from slideframe_gs_torch.initialisation import initial_parameters, scene_extent
 from slideframe_gs_torch.optimiser import Adam, Pressure
 from slideframe_gs_torch.previews import Previews
 from slideframe_gs_torch.rasterize import Raster, rasterize
+from slideframe_gs_torch.shelf import ShelvedViews
 from slideframe_gs_torch.views import TrainingView
 
 if TYPE_CHECKING:
@@ -52,12 +54,12 @@ class Scene:
     """What splats are trained on: the survey, the views shown, the colour behind them and the scene's length, m."""
 
     survey: Survey
-    shown: list[TrainingView]
+    shown: ShelvedViews
     behind: tuple[float, float, float]
     extent: float
 
     @classmethod
-    def of(cls, options: "TorchSplats", survey: Survey, shown: list[TrainingView]) -> Self:
+    def of(cls, options: "TorchSplats", survey: Survey, shown: ShelvedViews) -> Self:
         """Take the views and measure them."""
         return cls(survey, shown, options.background or mean_colour(shown), scene_extent(survey))
 
@@ -90,16 +92,15 @@ def optimise(
     context: Context,
 ) -> None:
     """Carry the state to the last iteration, or until it has settled, with a checkpoint now and then."""
-    pyramids = [{factor: view.reduced(factor) for factor in (4, 2, 1)} for view in scene.shown]
     if options.depth_weight > 0:
-        points = scene.survey.sparse_points
-        pyramids = [{factor: view.with_depths(points) for factor, view in pyramid.items()} for pyramid in pyramids]
+        scene.shown.add_depths(scene.survey.sparse_points)
     cameras = torch.tensor(scene.survey.world_from_camera[:, :, 3], dtype=torch.float32)
     checkpoints = checkpoint.Writer(context)
     while state.iteration < options.iterations and not state.settled:
         began = time.perf_counter()
         share = state.iteration / options.iterations
-        view = pyramids[view_index(len(pyramids), state.iteration, context.seed)][reduction(share)]
+        place = view_index(len(scene.shown), state.iteration, context.seed)
+        view = scene.shown.reduced(place, reduction(share))
         loss = descend(options, view, scene.behind, state, growth, scene.extent)
         growth.after_step(state, rates(share, scene.extent)["centers"])
         if state.iteration % CLEAR_EVERY == 0:
@@ -193,7 +194,7 @@ def active_degree(degree: int, share: float) -> int:
     return min(degree, int(share / DEGREE_SHARE))
 
 
-def mean_colour(views: list[TrainingView]) -> tuple[float, float, float]:
+def mean_colour(views: Iterable[TrainingView]) -> tuple[float, float, float]:
     """Return the mean sRGB of the photographs, 0 to 1: the best guess where nothing is known."""
     red, green, blue = np.mean([view.pixels.double().mean(dim=(1, 2)).numpy() for view in views], axis=0) / 255
     return float(red), float(green), float(blue)

@@ -1,6 +1,6 @@
 """The photographs as training sees them: undistorted, reduced, and halved for the start."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,13 +65,12 @@ class TrainingView:
         return replace(self, depths=depth_points(points, self.camera, self.world_from_camera))
 
 
-def load_views(survey: Survey, indices: Iterable[int], width: int, context: Context) -> list[TrainingView]:
-    """Read photographs at training size; those of which their masks leave nothing are left out with a warning.
+def load_views(survey: Survey, indices: Iterable[int], width: int, context: Context) -> Iterator[TrainingView]:
+    """Read photographs at training size, one by one; those of which masks leave nothing are left out with a warning.
 
     Raises:
         InputError: one can't be read.
     """
-    views = []
     for index in indices:
         pixels, camera, mask = load_photograph(survey, index, width=width)
         name = survey.photographs[index].name
@@ -80,5 +79,4 @@ def load_views(survey: Survey, indices: Iterable[int], width: int, context: Cont
             continue
         planes = torch.from_numpy(np.array(pixels.transpose(2, 0, 1), order="C"))
         seen = None if mask is None else torch.from_numpy(mask)
-        views.append(TrainingView(name, planes, seen, camera, survey.world_from_camera[index], index))
-    return views
+        yield TrainingView(name, planes, seen, camera, survey.world_from_camera[index], index)
