@@ -175,21 +175,17 @@ class RunFolder:
         maps: "Mapping[str, Image.Image]",
         progress: Callable[[str, float, float], None],
     ) -> list[str]:
-        from slideframe.record.run import record_run
+        from slideframe.record.run import RunProducts
 
         values = {kind: keyed.value for kind, keyed in bench.results.items()}
+        pictures = bench.results["reconstructor"].entry.pictures if "reconstructor" in values else None
+        products = RunProducts(config, values, result.get("volume_filler", {}), comparison, maps, pictures)
         with storing(self.folder):
-            return record_run(
+            return products.record(
                 self.folder / RECORDING,
                 self.folder.name,
-                config,
-                values,
-                result.get("volume_filler", {}),
-                comparison,
-                maps,
                 lambda thinned: result_table(result, thinned),
                 lambda done, total: progress("recording", done, total),
-                bench.results["reconstructor"].entry.pictures if "reconstructor" in values else None,
             )
 
     def _result(self, config: RunConfig, bench: Bench, appraisal: "Appraisal | None") -> dict[str, Any]:

@@ -100,6 +100,16 @@ def write_quaternions(first, second, third, quaternions):
         quaternions[TWICE + lane], quaternions[THRICE + lane] = y * shrink, z * shrink
 
 
+@njit(cache=True, error_model="numpy")
+def unload(splats, used, quaternions, lengths, rotations, scales):
+    """Give the first `used` lanes of the block to their splats."""
+    for lane in range(used):
+        for i in range(4):
+            rotations[splats[lane], i] = quaternions[i * SPLATS + lane]
+        for i in range(3):
+            scales[splats[lane], i] = lengths[i, lane]
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
 def reshape(
     first_task, last_task, moving, carriers, at_rest, held, turned, axes, varied, radii, camera_from_world, intrinsics,
@@ -137,9 +147,5 @@ def reshape(
             normalise(second, lengths[1])
             normalise(third, lengths[2])
             write_quaternions(first, second, third, quaternions)
-            for lane in range(used):
-                for i in range(4):
-                    rotations[splats[lane], i] = quaternions[i * SPLATS + lane]
-                for i in range(3):
-                    scales[splats[lane], i] = lengths[i, lane]
+            unload(splats, used, quaternions, lengths, rotations, scales)
             used = 0
