@@ -84,3 +84,14 @@ def test_rim_of_a_square():
     rim = rim_edges(triangles)
     assert len(rim) == 2 * (3 + 2)
     assert sorted(rim[:, 0]) == sorted(rim[:, 1])  # closed: each corner is left as often as it is reached
+
+
+def test_parts_that_reach_down_lose_their_voids_and_what_floats_over_them():
+    block = ground(lambda x, y: 0 * x + 8)
+    void = upright_prism([rectangle(-3, -3, 3, 3)], -8, -4, PLAN)
+    gap = upright_prism([rectangle(-11, -11, 11, 11)], 0, 5, PLAN)
+    littered = block.without(void).without(gap)
+    assert littered.volume == pytest.approx(20 * 20 * (20 + 3) - 36 * 4)
+    left = littered.reaching(-15.0)
+    assert left.volume == pytest.approx(20 * 20 * 20)
+    assert left.mesh().vertices[:, 2].max() == pytest.approx(0)

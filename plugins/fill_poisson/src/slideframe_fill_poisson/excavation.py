@@ -48,12 +48,17 @@ class Excavation:
 
 
 def soil_body(sheet: tuple[Float64Array, Int32Array], rectangle: Float64Array, deepest: float) -> Solid:
-    """Return the ground under a sheet, cut to a rectangle (2, 2) in plan and going down to `deepest`, m."""
+    """Return the ground under a sheet, cut to a rectangle (2, 2) in plan and going down to `deepest`, m.
+
+    What the cut leaves in the air is left out, and so are voids that meet the open air nowhere, or in a single corner:
+    no camera sees into them.
+    """
     vertices, triangles = sheet
     level = min(deepest, float(vertices[:, 2].min())) - CLEARANCE
     body = close_sheet(vertices, triangles, level, GROUND)
     high = float(vertices[:, 2].max()) + CLEARANCE
-    return body.common(upright_prism([_corners(rectangle)], level - CLEARANCE, high, SKIRT))
+    cut = body.common(upright_prism([_corners(rectangle)], level - CLEARANCE, high, SKIRT))
+    return cut.reaching(level + CLEARANCE / 2)
 
 
 def room_above(grid: ReleaseGrid, plan: Plan, ground_top: float) -> Solid:

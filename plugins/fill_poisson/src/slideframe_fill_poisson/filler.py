@@ -212,7 +212,7 @@ class PoissonFiller(VolumeFiller):
         self, support: Support, plan: Plan, problem: FillingProblem, georeference: Georeference
     ) -> tuple[Solid, ReleaseGrid]:
         """Return the soil around the region and the slip surface in it."""
-        sheet = poisson_sheet(support, self._limits(support)[0])
+        sheet = poisson_sheet(support)
         whole = Surface(sheet[0].astype(np.float32), sheet[1])
         grid = release_grid(problem.region, plan, whole.top, problem.particle_spacing, georeference)
         margin = self._margin(plan)

@@ -71,6 +71,13 @@ class Solid:
             return self
         return Solid(manifold3d.Manifold.batch_boolean(parts, manifold3d.OpType.Add), self._origin_of)
 
+    def reaching(self, level: float) -> "Solid":
+        """Return the parts that reach down to a height, m; hollows that they enclose are filled."""
+        import manifold3d
+
+        parts = [part for part in self._manifold.decompose() if part.bounding_box()[2] <= level]
+        return Solid(manifold3d.Manifold.compose(parts), self._origin_of)
+
     def plan_area(self) -> float:
         """Return the area of the body's shadow from straight above, m2."""
         return float(self._manifold.project().area())

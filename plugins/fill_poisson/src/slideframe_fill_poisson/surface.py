@@ -74,11 +74,11 @@ class Surface:
         return start - hits.astype(np.float64)
 
 
-def poisson_sheet(support: Support, observed: float) -> tuple[Float64Array, Int32Array]:
+def poisson_sheet(support: Support) -> tuple[Float64Array, Int32Array]:
     """Mesh the ground (Kazhdan & Hoppe 2013) with cells as wide as the splats' spacing.
 
-    The sheet ends at the sides of a cube about the splats. Closed parts are left out where they float in the air, as
-    the crowns of trees do, and where no splat is within `observed` metres: Poisson closes voids with bubbles.
+    The sheet ends at the sides of a cube about the splats. Closed parts are left out: they float in the air, as the
+    crowns of trees do, or are bubbles in the soil, as under a bush; no camera sees into a void that is closed.
 
     Returns:
         Vertices (vertex, 3), m, and triangles (triangle, 3), counter-clockwise seen from the air.
@@ -93,8 +93,7 @@ def poisson_sheet(support: Support, observed: float) -> tuple[Float64Array, Int3
         cloud, depth=depth, scale=CUBE_SCALE, linear_fit=True, n_threads=POISSON_THREADS
     )
     vertices, triangles = np.asarray(mesh.vertices).copy(), np.asarray(mesh.triangles).astype(np.int32)
-    near = distance_to(support.centers, vertices) <= observed
-    return vertices, _ground_parts(vertices, triangles, near)
+    return vertices, _open_parts(triangles, len(vertices))
 
 
 def support_classes(vertices: Float64Array, support: Support, observed: float, extrapolated: float) -> UInt8Array:
@@ -126,22 +125,12 @@ def unsupported_rim(mesh: Mesh, classes: UInt8Array) -> np.ndarray:
     return found
 
 
-def _ground_parts(vertices: Float64Array, triangles: Int32Array, near: np.ndarray) -> Int32Array:
-    """Return the triangles of the open parts, and of closed ones around a void that has vertices near splats.
-
-    An open part can't be left out: it is a side of the ground, not a bubble in it. A closed part that looks outwards
-    encloses a positive volume and hangs in the air.
-    """
-    count = len(vertices)
+def _open_parts(triangles: Int32Array, count: int) -> Int32Array:
+    """Return the triangles of the parts, of `count` vertices, that reach the rim."""
     part_of = _parts(triangles, count)
-    part = part_of[triangles[:, 0]]
-    a, b, c = (vertices[triangles] - vertices.mean(axis=0)).transpose(1, 0, 2)
-    volumes = np.bincount(part, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6, minlength=count)
     kept = np.zeros(count, bool)
-    kept[part_of[near]] = True
-    kept &= volumes <= 0
     kept[part_of[np.unique(rim_edges(triangles))]] = True
-    chosen: Int32Array = triangles[kept[part]]
+    chosen: Int32Array = triangles[kept[part_of[triangles[:, 0]]]]
     return chosen
 
 
