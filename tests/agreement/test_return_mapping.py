@@ -97,6 +97,11 @@ def warp_law(precision):
     wp.config.log_level = level
 
 
+def packed(states):
+    """Give the six components of symmetric matrices (n, 3, 3) in the solvers' order."""
+    return states[:, [0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]
+
+
 @contextmanager
 def warp_lanes(precision):
     """Give the same law through the kernel that strains many particles at once, here by nothing."""
@@ -110,8 +115,7 @@ def warp_lanes(precision):
     def apply(states, corrections, soil):
         count = len(states)
         with wp.ScopedDevice("cpu"):
-            packed = states[:, [0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]].astype(precision)
-            x = wp.array(packed, dtype=kernels.Vector6)
+            x = wp.array(packed(states).astype(precision), dtype=kernels.Vector6)
             v = wp.array(corrections.astype(precision), dtype=kernels.Real)
             s, ones = wp.zeros(count, dtype=kernels.Real), wp.ones(count, dtype=kernels.Real)
             affines, frames = wp.zeros(count, dtype=kernels.Matrix), wp.zeros(count, dtype=kernels.Matrix)
@@ -159,14 +163,14 @@ def taichi_law(precision):
 
         def apply(states, corrections, soil):
             real = ti.f64 if precision == "float64" else ti.f32
-            matrix = ti.types.matrix(3, 3, real)
-            x, h, v = ti.ndarray(matrix, len(states)), ti.ndarray(matrix, len(states)), ti.ndarray(real, len(states))
+            state = ti.types.vector(6, real)
+            x, h, v = ti.ndarray(state, len(states)), ti.ndarray(state, len(states)), ti.ndarray(real, len(states))
             s, soils = ti.ndarray(real, len(states)), ti.ndarray(ti.types.vector(len(soil.constants), real), 1)
             soils.from_numpy(np.array([soil.constants], precision))
-            x.from_numpy(states.astype(precision))
+            x.from_numpy(packed(states).astype(precision))
             v.from_numpy(corrections.astype(precision))
             map_states(x, v, soils, SERIES_RADIUS[precision], h, s, LAWS.index(soil.law))
-            return x.to_numpy(), h.to_numpy(), v.to_numpy(), s.to_numpy()
+            return symmetric(x.to_numpy()), symmetric(h.to_numpy()), v.to_numpy(), s.to_numpy()
 
         yield apply
 

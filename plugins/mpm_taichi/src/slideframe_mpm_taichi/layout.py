@@ -25,7 +25,8 @@ class Layout:
         nodes: (nodes or more,), momentum or velocity, and mass.
         forces: (nodes or more,), impulse of stress, or velocity before it, where a transfer keeps them; else `nodes`.
         order: (n,), the particles in the order of their first nodes.
-        runs: for each colour an array of runs of particles (first, count) that share no node, and their number.
+        runs: (colours, most runs) runs of particles (first, count), of which those of a colour share no node, and how
+            many of them each colour has.
     """
 
     def __init__(self, simulation: Simulation, particle_count: int, on_processor: bool) -> None:
@@ -39,10 +40,10 @@ class Layout:
         self._node = ti.types.vector(4, ti.f64 if simulation.precision == "float64" else ti.f32)
         self._bounds = ti.ndarray(ti.i32, 4)
         self._keys = ti.ndarray(ti.i32, particle_count)
-        self._run_arrays = [ti.ndarray(ti.types.vector(2, ti.i32), self._most_runs) for _ in range(COLOURS)]
+        self._runs = ti.ndarray(ti.types.vector(2, ti.i32), (COLOURS, self._most_runs))
         self._arrays: dict[str, Any] = {}
         self.order = ti.ndarray(ti.i32, particle_count)
-        self.runs: list[tuple[Any, int]] = []
+        self.runs: tuple[Any, list[int]] = (self._runs, [0] * COLOURS)
 
     def arrange(self, positions: Any) -> None:
         """Lay columns under the particles."""
@@ -110,13 +111,9 @@ class Layout:
         by_tile = starts.to_numpy()[self._node_starts]
         kernels.rank_particles(self._keys, starts, self.order)
         share = (len(by_tile) - 1) // COLOURS
-        self.runs = [
-            self._run_array(colour, runs(by_tile[colour * share : (colour + 1) * share + 1], self._most_runs))
-            for colour in range(COLOURS)
-        ]
-
-    def _run_array(self, colour: int, cut: list[tuple[int, int]]) -> tuple[Any, int]:
-        values: npt.NDArray[np.int32] = np.zeros((self._most_runs, 2), np.int32)
-        values[: len(cut)] = np.array(cut, np.int32).reshape(-1, 2)
-        self._run_arrays[colour].from_numpy(values)
-        return self._run_arrays[colour], len(cut)
+        cuts = [runs(by_tile[first : first + share + 1], self._most_runs) for first in range(0, COLOURS * share, share)]
+        values: npt.NDArray[np.int32] = np.zeros((COLOURS, self._most_runs, 2), np.int32)
+        for colour, cut in enumerate(cuts):
+            values[colour, : len(cut)] = np.array(cut, np.int32).reshape(-1, 2)
+        self._runs.from_numpy(values)
+        self.runs = self._runs, [len(cut) for cut in cuts]

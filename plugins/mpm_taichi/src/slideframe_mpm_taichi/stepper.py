@@ -117,8 +117,7 @@ class Stepper:
         kernels.clear_grid(layout.nodes, layout.forces, layout.node_count, self.keeps_excess)
         moving = [particles[name] for name in ("positions", "velocities", "affines", "pulls", "masses")]
         if self.coloured:
-            for runs, count in layout.runs:
-                kernels.particles_to_grid(*moving, *where, layout.nodes, *apart, runs, count)
+            kernels.particles_to_grid(*moving, *where, layout.nodes, *apart, *layout.runs)
         else:
             kernels.particles_to_grid_atomic(*moving, *where, layout.nodes, *apart)
         kernels.update_grid(

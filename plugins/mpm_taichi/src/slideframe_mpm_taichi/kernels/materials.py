@@ -1,5 +1,6 @@
 """The laws of the soil, particle by particle; docs/physics.md has their formulas.
 
+Symmetric tensors are given by their six components (tensors.pack).
 A law is one function: it is given the trial Hencky strain and answers whether that changes, the strain after plastic
 flow, the volume correction that remains, and by how much the plastic deviatoric strain grew.
 """
@@ -8,7 +9,7 @@ import taichi as ti
 
 from slideframe.problem.material import LAWS, LawConstants
 
-from .tensors import double_dot, power_series, sphere, symmetric_eigen, with_eigenvalues
+from .tensors import pack, power_series, squared_norm, symmetric_eigen, trace_of, unpack, with_eigenvalues, with_sphere
 
 # Eigenvalues of b_e below this are lifted to it, so that a crushed particle has a logarithm.
 SMALLEST_SQUARED_STRETCH = 1e-12
@@ -32,11 +33,11 @@ COHESION = LawConstants._fields.index("cohesion")
 def hencky_strain(x, series_radius):
     """Return log(1 + X) / 2: by series within `series_radius`, by eigenvalues beyond."""
     result = x
-    if double_dot(x, x) <= series_radius * series_radius:
+    if squared_norm(x) <= series_radius * series_radius:
         result = power_series(x, (1 / 2, -1 / 4, 1 / 6, -1 / 8, 1 / 10, -1 / 12))
     else:
-        values, vectors = symmetric_eigen(x)
-        result = with_eigenvalues(0.5 * ti.log(ti.max(1.0 + values, SMALLEST_SQUARED_STRETCH)), vectors)
+        values, vectors = symmetric_eigen(unpack(x))
+        result = pack(with_eigenvalues(0.5 * ti.log(ti.max(1.0 + values, SMALLEST_SQUARED_STRETCH)), vectors))
     return result
 
 
@@ -45,18 +46,18 @@ def state_of(hencky, series_radius):
     """Return X = exp(2 h) - 1: by series within `series_radius`, by eigenvalues beyond."""
     y = 2.0 * hencky
     result = y
-    if double_dot(y, y) <= series_radius * series_radius:
+    if squared_norm(y) <= series_radius * series_radius:
         result = power_series(y, (1.0, 1 / 2, 1 / 6, 1 / 24, 1 / 120, 1 / 720))
     else:
-        values, vectors = symmetric_eigen(y)
-        result = with_eigenvalues(ti.exp(values) - 1.0, vectors)
+        values, vectors = symmetric_eigen(unpack(y))
+        result = pack(with_eigenvalues(ti.exp(values) - 1.0, vectors))
     return result
 
 
 @ti.func
 def kirchhoff_stress(hencky, soil):
     """Return tau = 2 mu h + lambda tr(h) 1, Pa."""
-    return 2.0 * soil[SHEAR_MODULUS] * hencky + sphere(soil[LAME_LAMBDA] * hencky.trace())
+    return with_sphere(2.0 * soil[SHEAR_MODULUS] * hencky, soil[LAME_LAMBDA] * trace_of(hencky))
 
 
 @ti.func
@@ -65,9 +66,9 @@ def drucker_prager(trial, correction, soil):
 
     The deviator's direction stays, so trace and norm decide all and no eigenvectors are needed.
     """
-    trace = trial.trace()
-    deviator = trial - sphere(trace / 3.0)
-    norm = ti.sqrt(double_dot(deviator, deviator))
+    trace = trace_of(trial)
+    deviator = with_sphere(trial, -trace / 3.0)
+    norm = ti.sqrt(squared_norm(deviator))
     # compression closes what once opened, before it meets resistance
     used = ti.min(ti.max(-trace, 0.0), correction)
     trace += used
@@ -90,7 +91,7 @@ def drucker_prager(trial, correction, soil):
         kept = 1.0
         if left < norm:
             kept = left / norm
-        hencky = kept * deviator + sphere(trace / 3.0)
+        hencky = with_sphere(kept * deviator, trace / 3.0)
     return changed, hencky, remaining, norm - left
 
 
@@ -166,9 +167,9 @@ def to_pyramid(trial, ratio, soil):
 @ti.func
 def mohr_coulomb(trial, correction, soil):
     """Return to Mohr-Coulomb's pyramid in principal strains, after the tension cut-off."""
-    trace = trial.trace()
-    deviator = trial - sphere(trace / 3.0)
-    norm = ti.sqrt(double_dot(deviator, deviator))
+    trace = trace_of(trial)
+    deviator = with_sphere(trial, -trace / 3.0)
+    norm = ti.sqrt(squared_norm(deviator))
     ratio = soil[LAME_LAMBDA] / (2.0 * soil[SHEAR_MODULUS])
     used = ti.min(ti.max(-trace, 0.0), correction)
     remaining = correction - used
@@ -179,7 +180,7 @@ def mohr_coulomb(trial, correction, soil):
     inside = norm + soil[CONE_SLOPE] * (trace + used - soil[APEX]) <= 0.0
     largest = (1.0 / 3.0 + ratio) * (trace + used) + norm
     if changed or not inside or largest > soil[CUTOFF]:
-        values, vectors = symmetric_eigen(trial)
+        values, vectors = symmetric_eigen(unpack(trial))
         swap_if_less(values, vectors, 0, 1)
         swap_if_less(values, vectors, 1, 2)
         swap_if_less(values, vectors, 0, 1)
@@ -195,7 +196,7 @@ def mohr_coulomb(trial, correction, soil):
                 opened = ti.max(volume, 0.0)
             remaining += soil[KEEPS_EXPANSION] * opened
             sheared = (moved - volume / 3.0).norm()
-            hencky = with_eigenvalues(strain, vectors)
+            hencky = pack(with_eigenvalues(strain, vectors))
     return changed, hencky, remaining, sheared
 
 

@@ -26,23 +26,88 @@ def sphere(value):
 
 
 @ti.func
-def double_dot(a, b):
-    """Return a : b."""
-    return (a * b).sum()
+def trace_of(state):
+    """Return the trace of a symmetric matrix given by six components."""
+    return state[0] + state[1] + state[2]
 
 
 @ti.func
-def power_series(a, coefficients: ti.template()):
-    """Return c1 A + c2 A^2 + ... + c6 A^6, by Horner's rule on the three coefficients that Cayley-Hamilton leaves."""
-    square = a @ a
-    first = a.trace()
-    second = 0.5 * (first * first - square.trace())
-    third = a.determinant()
-    p = ti.Vector([0.0, 0.0, 0.0])
-    for power in ti.static(range(5, -1, -1)):
-        p += ti.Vector([coefficients[power], 0.0, 0.0])
-        p = ti.Vector([p[2] * third, p[0] - p[2] * second, p[1] + p[2] * first])
-    return sphere(p[0]) + p[1] * a + p[2] * square
+def squared_norm(state):
+    """Return A : A of a symmetric matrix given by six components."""
+    normal = state[0] * state[0] + state[1] * state[1] + state[2] * state[2]
+    return normal + 2.0 * (state[3] * state[3] + state[4] * state[4] + state[5] * state[5])
+
+
+@ti.func
+def with_sphere(state, value):
+    """Return six components of a symmetric matrix, the unit matrix times `value` added."""
+    return ti.Vector([state[0] + value, state[1] + value, state[2] + value, state[3], state[4], state[5]])
+
+
+@ti.func
+def twice_symmetric_part(a):
+    """Return the six components of A + A^T."""
+    return ti.Vector(
+        [
+            a[0, 0] + a[0, 0],
+            a[1, 1] + a[1, 1],
+            a[2, 2] + a[2, 2],
+            a[1, 2] + a[2, 1],
+            a[0, 2] + a[2, 0],
+            a[0, 1] + a[1, 0],
+        ]
+    )
+
+
+@ti.func
+def symmetric_product(a, b):
+    """Return the six components of A B^T, which must be symmetric."""
+    return ti.Vector(
+        [
+            a[row, 0] * b[column, 0] + a[row, 1] * b[column, 1] + a[row, 2] * b[column, 2]
+            for row, column in ti.static(((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)))
+        ]
+    )
+
+
+@ti.func
+def square_of(state):
+    """Return the six components of A^2."""
+    xx, yy, zz, yz, xz, xy = state[0], state[1], state[2], state[3], state[4], state[5]
+    return ti.Vector(
+        [
+            xx * xx + xy * xy + xz * xz,
+            xy * xy + yy * yy + yz * yz,
+            xz * xz + yz * yz + zz * zz,
+            xy * xz + yy * yz + yz * zz,
+            xx * xz + xy * yz + xz * zz,
+            xx * xy + xy * yy + xz * yz,
+        ]
+    )
+
+
+@ti.func
+def determinant_of(state):
+    """Return the determinant of a symmetric matrix given by six components."""
+    xx, yy, zz, yz, xz, xy = state[0], state[1], state[2], state[3], state[4], state[5]
+    return xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
+
+
+@ti.func
+def power_series(state, coefficients: ti.template()):
+    """Return c1 A + c2 A^2 + ... + c6 A^6, by Horner's rule on the three coefficients that Cayley-Hamilton leaves.
+
+    `state` has A's six components, as the result has its own.
+    """
+    square = square_of(state)
+    first = trace_of(state)
+    second = 0.5 * (first * first - trace_of(square))
+    third = determinant_of(state)
+    # c4 1 + c5 A + c6 A^2, then times A plus the next coefficient, and so on
+    p, q, r = coefficients[3], coefficients[4], coefficients[5]
+    for power in ti.static(range(2, -1, -1)):
+        p, q, r = coefficients[power] + r * third, p - r * second, q + r * first
+    return with_sphere((p - r * second) * state + (q + r * first) * square, r * third)
 
 
 @ti.func

@@ -3,12 +3,21 @@
 import taichi as ti
 
 from slideframe.problem.transfer import LOOSE_STRAIN
+from slideframe.tiles import COLOURS
 
 from .arrays import Array
 from .layout import Pair
 from .materials import hencky_strain, kirchhoff_stress, return_mapping
 from .stencils import spline, stencil_around
-from .tensors import pack, sphere, unpack
+from .tensors import (
+    determinant_of,
+    sphere,
+    square_of,
+    symmetric_product,
+    trace_of,
+    twice_symmetric_part,
+    unpack,
+)
 
 # Runs of tiles of one colour: several for each core, so that none waits long for the others.
 MOST_RUNS = 64
@@ -67,22 +76,23 @@ def particles_to_grid(
     forces: Array,
     keeps_excess: ti.template(),
     runs: Array,
-    run_count: ti.i32,
+    run_counts: ti.types.vector(COLOURS, ti.i32),
 ):
-    """Scatter runs of particles in tiles of one colour: no two threads share a node, so no sum varies.
+    """Scatter runs of particles in tiles, colour by colour: no two threads share a node, so no sum varies.
 
     Where particles keep an excess, the impulses of stress go to `forces`; else `affines` have them already.
     """
-    # a run is one step in LEAST_STEPS, so that each is a part of its own
-    ti.loop_config(parallelize=MOST_RUNS)
-    for step in range(run_count * LEAST_STEPS):
-        if step % LEAST_STEPS == 0:
-            run = runs[step // LEAST_STEPS]
-            for p in range(run[0], run[0] + run[1]):
-                momentum = masses[p] * velocities[p]
-                scatter(positions[p], momentum, affines[p], masses[p], columns, corner, across, grid, True)
-                if ti.static(keeps_excess):
-                    scatter(positions[p], 0.0 * momentum, pulls[p], 0.0, columns, corner, across, forces, True)
+    for colour in ti.static(range(COLOURS)):
+        # a run is one step in LEAST_STEPS, so that each is a part of its own
+        ti.loop_config(parallelize=MOST_RUNS)
+        for step in range(run_counts[colour] * LEAST_STEPS):
+            if step % LEAST_STEPS == 0:
+                run = runs[colour, step // LEAST_STEPS]
+                for p in range(run[0], run[0] + run[1]):
+                    momentum = masses[p] * velocities[p]
+                    scatter(positions[p], momentum, affines[p], masses[p], columns, corner, across, grid, True)
+                    if ti.static(keeps_excess):
+                        scatter(positions[p], 0.0 * momentum, pulls[p], 0.0, columns, corner, across, forces, True)
 
 
 @ti.kernel
@@ -112,22 +122,32 @@ def gather(position, columns: ti.template(), corner, across, grid: ti.template()
     """Return the velocity and its moment sum of w v (x_i - x_p)^T, in cells, at one particle."""
     column, layer, x, y, z = stencil_around(position, corner, across)
     u, v, w = spline(x), spline(y), spline(z)
-    velocity = ti.Vector([0.0, 0.0, 0.0, 0.0])
-    x_moment, y_moment, z_moment = velocity, velocity, velocity
+    # relative to the middle node, so that a mass that flies as a whole isn't strained by the weights' rounding
+    middle_node = grid[columns[column + across + 1] + layer + 1]
+    velocity = ti.Vector([0.0] * 4)
+    # nodes stand one cell apart: their moment is that about the middle one, moved
+    along_x, along_y, along_z = velocity, velocity, velocity
     for a in ti.static(range(3)):
-        plane, turn, tilt = ti.Vector([0.0] * 4), ti.Vector([0.0] * 4), ti.Vector([0.0] * 4)
+        plane, slant, tilt = ti.Vector([0.0] * 4), ti.Vector([0.0] * 4), ti.Vector([0.0] * 4)
         for b in ti.static(range(3)):
             node = columns[column + a * across + b] + layer
-            low, middle, high = w[0] * grid[node], w[1] * grid[node + 1], w[2] * grid[node + 2]
+            low = w[0] * (grid[node] - middle_node)
+            middle = w[1] * (grid[node + 1] - middle_node)
+            high = w[2] * (grid[node + 2] - middle_node)
             row = v[b] * (low + middle + high)
             plane += row
-            turn += y[b] * row
-            tilt += v[b] * (z[0] * low + z[1] * middle + z[2] * high)
-        velocity += u[a] * plane
-        x_moment += u[a] * x[a] * plane
-        y_moment += u[a] * turn
-        z_moment += u[a] * tilt
+            tilt += v[b] * (high - low)
+            if ti.static(b != 1):
+                slant += row if ti.static(b == 2) else -row
+        share = u[a] * plane
+        velocity += share
+        along_y += u[a] * slant
+        along_z += u[a] * tilt
+        if ti.static(a != 1):
+            along_x += share if ti.static(a == 2) else -share
+    x_moment, y_moment, z_moment = along_x + x[1] * velocity, along_y + y[1] * velocity, along_z + z[1] * velocity
     moment = ti.Matrix.cols([x_moment, y_moment, z_moment])
+    velocity += middle_node
     return ti.Vector([velocity[0], velocity[1], velocity[2]]), ti.Matrix(
         [[moment[row, column] for column in range(3)] for row in range(3)]
     )
@@ -136,9 +156,9 @@ def gather(position, columns: ti.template(), corner, across, grid: ti.template()
 @ti.func
 def is_loose(x):
     """Whether a particle bears no pressure: log det(1 + X) / 2, its volumetric strain, is none or positive."""
-    first = x.trace()
-    second = 0.5 * (first * first - (x @ x).trace())
-    return first + second + x.determinant() >= 2.0 * LOOSE_STRAIN
+    first = trace_of(x)
+    second = 0.5 * (first * first - trace_of(square_of(x)))
+    return first + second + determinant_of(x) >= 2.0 * LOOSE_STRAIN
 
 
 @ti.func
@@ -204,7 +224,7 @@ def grid_to_particles(
                 # Fei et al. 2021; only what bore no pressure may move against its neighbours
                 before, _ = gather(position, columns, corner, across, forces)
                 excess = velocities[particle] - before
-                if is_loose(unpack(elastic_states[particle])):
+                if is_loose(elastic_states[particle]):
                     carrying += transfers[0][2] * excess
                 velocity += transfers[0][1] * excess
             velocities[particle] = velocity
@@ -239,13 +259,12 @@ def strain(
     series_radius,
 ):
     """Strain a particle by `change` = dt grad v, let it yield, and return its elastic Hencky strain."""
-    x = unpack(elastic_states[particle])
+    state = elastic_states[particle]
     # b = (1 + G)(1 + X)(1 + G)^T, without ever adding a small number to 1
-    half = change + change @ x
-    # packed, so that the compiler knows it to be symmetric
-    trial = unpack(pack(x + half + half.transpose() + half @ change.transpose()))
+    half = change + change @ unpack(state)
+    trial = state + twice_symmetric_part(half) + symmetric_product(half, change)
     state, hencky, correction, sheared = return_mapping(law, trial, volume_corrections[particle], soil, series_radius)
-    elastic_states[particle] = pack(state)
+    elastic_states[particle] = state
     volume_corrections[particle] = correction
     if ti.static(records):
         plastic_strains[particle] += sheared
@@ -281,12 +300,13 @@ def strain_particles(
         if mass != 0.0:
             moment = affines[particle]
             change = scale * moment
-            deformation_gradients[particle] += change @ deformation_gradients[particle]
+            gradient = deformation_gradients[particle]
+            deformation_gradients[particle] = gradient + change @ gradient
             hencky = strain(
                 particle, change, elastic_states, volume_corrections, plastic_strains, records, law, soils[0],
                 series_radius,
             )  # fmt: skip
-            pull = -scale * volumes[particle] * kirchhoff_stress(hencky, soils[0])
+            pull = -scale * volumes[particle] * unpack(kirchhoff_stress(hencky, soils[0]))
             if ti.static(keeps_excess):
                 pulls[particle] = pull
                 affines[particle] = affine_share * 4.0 * mass * moment
@@ -298,5 +318,5 @@ def strain_particles(
 def retime(pulls: Array, elastic_states: Array, volumes: Array, change: float, soils: Array, series_radius: float):
     """Make the stress term of the next scatter for another time step; `change` is 4 (old - new) / spacing."""
     for particle in range(pulls.shape[0]):
-        hencky = hencky_strain(unpack(elastic_states[particle]), series_radius)
-        pulls[particle] += change * volumes[particle] * kirchhoff_stress(hencky, soils[0])
+        hencky = hencky_strain(elastic_states[particle], series_radius)
+        pulls[particle] += change * volumes[particle] * unpack(kirchhoff_stress(hencky, soils[0]))
