@@ -11,7 +11,7 @@ PATCH_SPACINGS = 2.0  # side of the patches of one colour of a palette, in parti
 # Grass and shadows end at the surface: its colours fade with depth into those of bare ground.
 FADING_DEPTH = 1.0  # m at which 1 / e of the surface's own colour is left
 # Lumps of soil: side, in spacings of the splats, which blend with their neighbours, and share in the colours' variety.
-LUMPS = ((2.0, 0.7), (6.0, 0.4))
+LUMPS = ((2.0, 0.5), (6.0, 0.4))
 # Of bare ground, what is neither in shadow nor painted.
 USUAL_BRIGHTNESS = (10.0, 90.0)  # percentiles
 QUERIES_AT_ONCE = 200_000
