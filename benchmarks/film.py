@@ -24,6 +24,7 @@ from slideframe.products import Camera, Filling, ParticleFrame, SplatCloud, Surv
 from slideframe.stored_run import StoredRun
 from slideframe.testing.ground_scenes import hillside_survey
 from slideframe_gs_torch.rasterize import rasterize
+from slideframe_gs_torch.threads import one_torch_thread, thread_count
 from slideframe_render_gs.drawing import draw
 from slideframe_render_gs.moving_scene import MovingScene
 
@@ -88,8 +89,8 @@ def sliding(filling: Filling, moment: float) -> ParticleFrame:
 
 
 def raw(moved: MovedSplats, camera: Camera, pose: np.ndarray, view: View) -> None:
-    """Do no more than call the rasteriser."""
-    with torch.no_grad():
+    """Do no more than call the rasteriser; torch's threads, which spin after their part, would slow what comes next."""
+    with torch.no_grad(), one_torch_thread():
         arrays = (moved.centers, moved.rotations, moved.scales, moved.opacities, moved.harmonics)
         rasterize(
             *map(torch.from_numpy, arrays),
@@ -145,7 +146,7 @@ def main() -> None:
     coupling = Coupling(splats, filling)
     frames = [frames[i] for i in np.linspace(1, len(frames) - 1, options.frames).astype(int)]
     print(f"{len(coupling):,} splats, {len(coupling.moving):,} on {len(filling.particle_positions):,} particles")
-    print(f"{view.width} x {view.height} px, {torch.get_num_threads()} threads of torch")
+    print(f"{view.width} x {view.height} px, {thread_count()} threads")
     aside = FlightView(positions=((45, 45, 30),), targets=((60, 60, -30),))
     cost = compare("everything moves", MovingScene(coupling), frames, survey, view)
     compare("nothing moves", MovingScene(coupling), [frames[-1]] * options.frames, survey, view)

@@ -10,7 +10,7 @@ from slideframe.coupling import MovedSplats
 from slideframe.problem import View
 from slideframe.products import Camera
 from slideframe_gs_torch.rasterize import rasterize
-from slideframe_gs_torch.threads import run_shares
+from slideframe_gs_torch.threads import one_torch_thread, run_shares
 from slideframe_render_gs.picture_kernels import write_levels
 
 # Less light than this, held back in one pixel of 8 bits, is nothing.
@@ -28,7 +28,8 @@ def draw(
 ) -> tuple[dict[str, Any], bool]:
     """Return the pixels and the asked-for maps of a picture, by the names of its fields, and whether it shows any."""
     factor = view.supersampling
-    with torch.no_grad():
+    # torch's own threads go on spinning after their part, against ours
+    with torch.no_grad(), one_torch_thread():
         raster = rasterize(
             torch.from_numpy(splats.centers),
             torch.from_numpy(splats.rotations),

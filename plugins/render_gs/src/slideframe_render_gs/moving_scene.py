@@ -63,6 +63,8 @@ class MovingScene:
             frame.positions, frame.deformation_gradients, coupling.particles, coupling.start, coupling.turns,
             self._positions, self._gradients, self._held, self._turned, self._states, self._at_rest,
         )  # fmt: skip
+        if (self._states == kernels.UNCHANGED).all():
+            return
         wild = np.flatnonzero(self._states == kernels.OUT_OF_BOUNDS)
         self._held[wild], self._turned[wild] = clamp_stretch(self._held[wild].astype(np.float64))
         run_shares(
