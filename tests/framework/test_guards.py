@@ -30,6 +30,17 @@ def test_a_volume_of_zero_is_named():
         guards.check_start(filling.model_copy(update={"particle_volumes": volumes}), sand_problem())
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("name", ["particle_positions", "particle_velocities"])
+def test_places_and_velocities_must_be_finite(name, value):
+    filling = block_filling((0, 0, 0), (1, 1, 0.5))
+    values = filling.particle_positions.copy() if name == "particle_positions" else filling.start_velocities().copy()
+    values[9, 1] = value
+    with pytest.raises(InputError, match=rf"1 of 256 particles have {name} that aren't finite.*particle 9") as told:
+        guards.check_start(filling.model_copy(update={name: values}), sand_problem())
+    assert told.value.where == f"filling.{name}"
+
+
 def test_walls_inside_the_mass_are_refused():
     filling, problem = block_filling((0, 0, 0), (1, 1, 0.5)), sand_problem()
     cut = Boundary(domain=Domain(x_min=0.5, x_max=4.0))
@@ -86,3 +97,19 @@ def test_cells_that_no_memory_can_hold_are_refused_before_the_surface_is_known()
     with pytest.raises(ConfigurationError, match="particles: more than"):
         guards.check_spacing((1000.0, 1000.0), sand_problem(spacing=0.005).simulation)
     guards.check_spacing((100.0, 100.0), sand_problem(spacing=0.5).simulation)
+
+
+def test_more_particles_than_memory_can_hold_are_refused_before_they_are_laid(monkeypatch):
+    monkeypatch.setattr(guards, "available_memory", lambda: 24_000_000_000)
+    with pytest.raises(ConfigurationError, match=r"17,800 m3 would be 1,139,200,000 particles 0\.025 m apart") as told:
+        guards.check_particles(17_800.0, 0.025)
+    assert told.value.where == "simulation.grid_spacing"
+    guards.check_particles(17_800.0, 0.1)
+
+
+def test_the_fastest_of_the_lost_is_named():
+    grid = sand_problem().grid(filling_of(np.zeros((1, 3), np.float32), 1.0))
+    velocities = np.zeros((5, 3))
+    velocities[1, 0], velocities[4, 0] = 1e4, 1e5
+    with pytest.raises(StageFailed, match=r"particle 4 .* speed 100000 m/s, 2 of 5 particles"):
+        guards.check_motion(np.zeros((5, 3)), velocities, 0.25, grid, 1e-3)

@@ -49,12 +49,29 @@ def check_spacing(plan_size: tuple[float, float], simulation: Simulation) -> Non
         )
 
 
+def check_particles(volume: float, spacing: float) -> None:
+    """Refuse to fill a volume, m3, with more particles, `spacing` m apart, than memory can surely hold.
+
+    Raises:
+        ConfigurationError: the particles are too many.
+    """
+    particles = volume / spacing**3
+    if particles * LEAST_BYTES_PER_PARTICLE > available_memory():
+        raise ConfigurationError(
+            f"the mass of {volume:,.0f} m3 would be {particles:,.0f} particles {spacing:g} m apart: "
+            f"more than the {available_memory() / 1e9:.1f} GB of free memory can hold",
+            where="simulation.grid_spacing",
+            cure="raise grid_spacing (doubling it takes an eighth of the memory) or make the region smaller",
+        )
+
+
 def check_start(filling: Filling, problem: SimulationProblem) -> Grid:
     """Return the grid for particles that lie within the region's walls.
 
     Raises:
         ConfigurationError: the cells are too large for the region.
-        InputError: there are no particles, they lie outside the walls, or a volume isn't positive.
+        InputError: there are no particles, they lie outside the walls, a volume isn't positive, or a position or a
+            velocity isn't finite.
     """
     positions = filling.particle_positions
     if not len(positions):
@@ -63,6 +80,7 @@ def check_start(filling: Filling, problem: SimulationProblem) -> Grid:
             where="solver",
             cure="place the region where the scan shows ground, and its z_min below it",
         )
+    _check_finite(filling)
     width, depth, _ = np.ptp(filling.bounds, axis=0)
     check_spacing((float(width), float(depth)), problem.simulation)
     _check_inside(filling, problem)
@@ -74,6 +92,20 @@ def check_start(filling: Filling, problem: SimulationProblem) -> Grid:
             cure="volumes must be positive",
         )
     return problem.grid(filling)
+
+
+def _check_finite(filling: Filling) -> None:
+    arrays = {"particle_positions": filling.particle_positions, "particle_velocities": filling.start_velocities()}
+    for name, values in arrays.items():
+        bad = ~np.isfinite(values).all(axis=1)
+        if bad.any():
+            index = int(np.argmax(bad))
+            raise InputError(
+                f"{int(bad.sum())} of {len(bad)} particles have {name} that aren't finite, "
+                f"the first is particle {index} with {values[index].tolist()}",
+                where=f"filling.{name}",
+                cure="look at what made the filling: every particle needs a place and a velocity, m and m/s",
+            )
 
 
 def _check_inside(filling: Filling, problem: SimulationProblem) -> None:
@@ -155,7 +187,8 @@ def check_motion(
     # written so that NaN, too, is found
     bad = ~(speeds <= limit)
     if bad.any():
-        index = int(np.argmax(bad))
+        # the fastest; argmax takes NaN for the largest
+        index = int(np.argmax(speeds))
         raise StageFailed(
             f"the simulation blew up: particle {index} at {_place(positions[index])} "
             f"has the speed {speeds[index]:g} m/s, "

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from slideframe import guards
 from slideframe.errors import ConfigurationError
 from slideframe.problem import (
     BoxRegion,
@@ -123,6 +124,13 @@ def test_regions_without_a_mass(filled, region, what):
     with pytest.raises(ConfigurationError, match=what) as caught:
         filled(region)
     assert caught.value.cure
+
+
+def test_more_particles_than_memory_holds_are_refused_before_they_are_laid(filled, monkeypatch):
+    monkeypatch.setattr(guards, "available_memory", lambda: 500_000_000)
+    with pytest.raises(ConfigurationError, match=r"particles 0\.02 m apart: more than the 0\.5 GB") as caught:
+        filled(BoxRegion(**SIDES, base=DepthBase(depth=1.0)), spacing=0.02)
+    assert caught.value.where == "simulation.grid_spacing"
 
 
 def test_a_mass_too_thin_for_its_particles_is_told(filled, context):

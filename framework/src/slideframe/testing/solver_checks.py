@@ -6,7 +6,7 @@ import numpy as np
 
 from slideframe.arrays import Float64Array
 from slideframe.errors import SlideframeError
-from slideframe.problem import FEATURES, Boundary, SimulationProblem, Wall
+from slideframe.problem import FEATURES, BlendTransfer, Boundary, SeparableTransfer, SimulationProblem, Wall
 from slideframe.products import Filling, ParticleFrame
 from slideframe.reference.solver import ReferenceSolver
 from slideframe.stages import Solver
@@ -102,7 +102,21 @@ def check_two_runs_are_equal(stage: Solver, scratch: Path) -> None:
 
 def check_a_broken_run_goes_on_to_the_same_frames(stage: Solver, scratch: Path) -> None:
     """Where the stage resumes after a run that broke off, its frames are those of an unbroken run, bit for bit."""
-    filling, problem = _block(), sand_problem(duration=1.5)
+    _check_resume(stage, sand_problem(duration=1.5), scratch)
+
+
+def check_a_broken_run_goes_on_with_every_transfer(stage: Solver, scratch: Path) -> None:
+    """The same where particles keep some of their own velocity, and with the plastic strain that they accumulate."""
+    for transfer in (BlendTransfer(), SeparableTransfer()):
+        if transfer.kind in stage.features:
+            problem = sand_problem(duration=0.13, frame_rate=100.0)
+            more = {"transfer": transfer, "record_stress": True}
+            asked = problem.model_copy(update={"simulation": problem.simulation.model_copy(update=more)})
+            _check_resume(stage, asked, scratch / transfer.kind)
+
+
+def _check_resume(stage: Solver, problem: SimulationProblem, scratch: Path) -> None:
+    filling = _block()
     whole = _solve(stage, filling, problem, scratch, "unbroken")
     broken = fresh_context(scratch, "broken")
     kept = 0

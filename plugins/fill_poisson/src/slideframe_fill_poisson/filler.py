@@ -10,6 +10,7 @@ from slideframe.arrays import Float32Array, Float64Array, UInt8Array
 from slideframe.device import Device
 from slideframe.errors import StageFailed
 from slideframe.formats.meshes import read_mesh
+from slideframe.guards import check_particles
 from slideframe.problem import FillingProblem, MeshRegion, ProblemModel, Share
 from slideframe.products import Filling, Georeference, SplatCloud, Survey
 from slideframe.release.coverage import read_region_files
@@ -299,6 +300,7 @@ def _pit(
     room = room_of(region, georeference) if isinstance(region, MeshRegion) else room_above(grid, plan, top)
     pit = excavate(soil, room)
     require_mass(pit.mass, region, plan, grid, problem.particle_spacing)
+    check_particles(pit.mass.volume, problem.particle_spacing)
     return pit
 
 
