@@ -5,10 +5,13 @@
 Without a run, a made-up slope of 172 000 splats slides, of which 90 000 follow 73 000 particles: the numbers of the
 embedded demo. Each frame is drawn twice, interleaved: as the renderer does it (deform, colour, rasterise, to 8 bits),
 and by `rasterize()` alone on what the renderer deformed. Then come frames in which nothing moves, and a camera
-that sees little. Compiling is over before.
+that sees little; of the made-up slope also fewer splats, and the memory that a short and a long film need.
+Compiling is over before.
 """
 
 import argparse
+import resource
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -19,16 +22,20 @@ import torch
 from machine import print_machine
 
 from slideframe.coupling import Coupling, MovedSplats, clamp_stretch
+from slideframe.device import Device
 from slideframe.problem import FlightView, OrbitView, View
 from slideframe.products import Camera, Filling, ParticleFrame, SplatCloud, Survey
+from slideframe.stages import Context
 from slideframe.stored_run import StoredRun
 from slideframe.testing.ground_scenes import hillside_survey
 from slideframe_gs_torch.rasterize import rasterize
 from slideframe_gs_torch.threads import one_torch_thread, thread_count
 from slideframe_render_gs.drawing import draw
+from slideframe_render_gs.film import pictures
 from slideframe_render_gs.moving_scene import MovingScene
 
 GROUND, PARTICLES_ACROSS, LAYERS = 315, 78, 12
+SHORT_AND_LONG = 30, 300  # frames
 
 
 def cloud(centers: np.ndarray, size: Sequence[float], coefficients: int, opacity: float, seed: int) -> SplatCloud:
@@ -130,6 +137,17 @@ def compare(title: str, scene: MovingScene, frames: Sequence[ParticleFrame], sur
     return float(cpu)
 
 
+def print_memory(survey: Survey, splats: SplatCloud, filling: Filling, view: View) -> None:
+    """Print the greatest memory of this process after a short film and after a long one of the same motion."""
+    for count in SHORT_AND_LONG:
+        motion = (sliding(filling, 1.2 * index / count) for index in range(count))
+        with tempfile.TemporaryDirectory() as scratch:
+            context = Context(device=Device(), scratch=Path(scratch))
+            shown = sum(1 for _ in pictures(survey, splats, filling, motion, view, context))
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        print(f"a film of {shown} frames: {peak:.0f} MiB at its peak", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--run", type=Path, help="a finished run, instead of the made-up slope")
@@ -156,6 +174,7 @@ def main() -> None:
         fewer = Coupling(few, ground)
         less = compare(f"{len(fewer):,} splats move", MovingScene(fewer), motion[1:], survey, view)
         print(f"{len(coupling) / len(fewer):.1f} times the splats cost {cost / less:.1f} times the CPU time")
+        print_memory(survey, splats, filling, view)
 
 
 if __name__ == "__main__":
