@@ -93,6 +93,16 @@ def test_the_cells_across_the_mass_are_reported(tmp_path):
     assert context.figures["cells_across_thickness"] == pytest.approx(HEIGHT / 0.25)
 
 
+@pytest.mark.parametrize(("youngs_modulus", "told"), [(1e6, False), (1e5, True)])
+def test_soil_too_soft_for_its_height_is_told(tmp_path, youngs_modulus, told):
+    """rho g H / M: 2000 x 9.81 x 2 / 1.35e6 = 3 %, and ten times that."""
+    filling, problem = column(duration=0.02)
+    soil = problem.material.model_copy(update={"youngs_modulus": youngs_modulus})
+    context = fresh_context(tmp_path)
+    list(ReferenceSolver().solve(filling, problem.model_copy(update={"material": soil}), context))
+    assert any("too soft" in warning and "0.291" in warning for warning in context.warnings) == told
+
+
 def test_adaptive_steps_change_little_but_their_number(tmp_path):
     from slideframe_mpm_warp.solver import WarpSolver
 

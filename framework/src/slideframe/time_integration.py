@@ -26,6 +26,8 @@ HOLD_PERIODS = 1
 DAMPING_RATIO = 0.5
 # A hold test that moves faster than this share of what sudden gravity would cause is worth a warning.
 HOLD_SHARE = 0.05
+# Soil that its own weight, rho g H / M, would press by more than this share is worth a warning.
+SOFT_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -143,12 +145,18 @@ class March:
         return start.model_copy(update={name: getattr(stressed, name) for name in fields})
 
     def _report_resolution(self) -> None:
-        """Report how many cells lie across the mass where it's thickest, along gravity: six or more serve."""
+        """Report how many cells lie across the mass where it's thickest, along gravity, and warn of soil too soft."""
         gravity = np.array(self.problem.simulation.gravity)
         if strength := float(np.linalg.norm(gravity)):
             simulation = self.problem.simulation
             thickness = float(depths(self.filling, -gravity / strength).max()) + simulation.particle_spacing / 2
             self.context.figure("cells_across_thickness", thickness / simulation.grid_spacing)
+            pressed = strength * thickness / self.problem.material.pressure_wave_speed**2
+            if pressed > SOFT_SHARE:
+                self.context.warn(
+                    f"the soil is too soft for its height: its own weight would press {thickness:.3g} m of it by about "
+                    f"{pressed:.3g} of that; look at material.youngs_modulus"
+                )
 
     def _first_step(self) -> float:
         self.speed = float(np.abs(self.filling.start_velocities()).max())
