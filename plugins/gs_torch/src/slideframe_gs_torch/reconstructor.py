@@ -22,12 +22,12 @@ class TorchSplats(Reconstructor):
     name: ClassVar[str] = "gs_torch"
     backend: ClassVar[tuple[str, ...]] = ("torch", "numba", "scipy")
 
-    iterations: int = Field(default=2500, ge=1, le=1_000_000, description="photographs shown, one per iteration")
+    iterations: int = Field(default=2600, ge=1, le=1_000_000, description="photographs shown, one per iteration")
     splat_budget: int = Field(
         default=150_000, ge=100, le=10_000_000, description="most splats that densification makes"
     )
     start_share: float = Field(
-        default=0.75,
+        default=1.0,
         ge=0,
         le=1,
         description="share of the budget that training starts with: points between the survey's sparse ones and beyond "
