@@ -94,7 +94,7 @@ class TorchSplats(Reconstructor):
         "recording shows; 0: none",
     )
     opaque_weight: float = Field(
-        default=0.05,
+        default=0.1,
         ge=0,
         description="weight in the loss of the mean share of light that passes all splats: without it the ground stays "
         "translucent where the background has the right colour",
