@@ -1,0 +1,55 @@
+"""What explicit solvers on a sparse grid share but for their kernels: options, promises, and the checks of a start."""
+
+from typing import ClassVar
+
+from pydantic import Field
+
+from slideframe.device import Device
+from slideframe.errors import ConfigurationError
+from slideframe.guards import check_memory, check_start
+from slideframe.problem import FEATURES, Grid, ProblemModel, Simulation, SimulationProblem
+from slideframe.products import Filling
+from slideframe.stages import Solver
+from slideframe.tiles import estimate_nodes
+
+
+class ExplicitSolver(Solver):
+    """A solver that keeps checkpoints, and gives the same bits on the CPU where it owns tiles of nodes by threads."""
+
+    features: ClassVar[frozenset[str]] = FEATURES
+    devices: ClassVar[frozenset[str]] = frozenset({"cpu", "cuda"})
+
+    checkpoint_every: int = Field(
+        default=10,
+        ge=0,
+        description="output frames from one checkpoint to the next, for a run that breaks off; 0: none",
+    )
+
+    deterministic: bool = Field(
+        default=False, description="insist on the same bits in every run: always so on the CPU, refused on a card"
+    )
+
+    def preflight(self, problem: ProblemModel, device: Device) -> None:
+        """Refuse to promise on a card what only the CPU holds."""
+        if self.deterministic and device.kind != "cpu":
+            raise ConfigurationError(
+                f"{self.name} gives the same bits on the CPU only: on a card threads add to a node in any order",
+                where=f"plugins.{self.name}.deterministic",
+                cure="use --device cpu, or set deterministic = false",
+            )
+
+    def bytes_needed(self, particle_count: int, node_count: int, simulation: Simulation) -> int:
+        """Return the memory that a simulation takes."""
+        raise NotImplementedError
+
+    def sound_grid(self, filling: Filling, problem: SimulationProblem) -> Grid:
+        """Return the grid of a start that is sound and fits into memory; nothing has been allocated by then.
+
+        Raises:
+            ConfigurationError: the cells are too large, or the simulation too large for memory.
+            InputError: particles are missing, outside the walls, without volume, or not finite.
+        """
+        grid = check_start(filling, problem)
+        particle_count, node_count = len(filling.particle_positions), estimate_nodes(filling, grid)
+        check_memory(self.bytes_needed(particle_count, node_count, problem.simulation), particle_count, node_count)
+        return grid
