@@ -14,7 +14,7 @@ from slideframe_fill_poisson.surface import Surface
 IN_PLANE_SHARE = 0.75
 FINENESS = 0.4  # of the surface's spacing: what opens is looked at
 THICKNESS_SHARE = 0.1
-MOST_SPLATS = 200_000
+MOST_SPLATS = 60_000
 OPACITY = 0.99
 
 
