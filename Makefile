@@ -1,7 +1,7 @@
 # Everything a fresh Debian or Ubuntu with Python >= 3.11 needs. Both main targets do all set-up themselves.
 #
-#   make demo    the embedded demo, photographs to film        about 7 minutes on two cores
-#   make test    linters, types, contracts and all tests       about 13 minutes on two cores
+#   make demo    the embedded demo, photographs to film        about 5 minutes on two cores
+#   make test    linters, types, contracts and all tests       about 12 minutes on two cores
 
 SHELL := /bin/bash
 PYTHON ?= python3
@@ -13,11 +13,11 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 .PHONY: demo test setup system-libraries lint format clean
 
 demo: setup
-	@echo "== demo: a synthetic drone survey of a slope, photographs to film (about 7 minutes on two cores) =="
+	@echo "== demo: a synthetic drone survey of a slope, photographs to film (about 5 minutes on two cores) =="
 	$(BIN)/slideframe run --solver mpm_warp
 
 test: setup lint
-	@echo "== tests (about 12 minutes on two cores) =="
+	@echo "== tests (about 11 minutes on two cores) =="
 	$(BIN)/python -m pytest
 
 lint: setup
