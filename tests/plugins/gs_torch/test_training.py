@@ -357,7 +357,7 @@ def furrows(tmp_path_factory) -> Survey:
 def test_the_anisotropy_term_removes_the_streaks_of_a_mass_that_turns(furrows, tmp_path):
     """Grains turn at random as the mass moves: needles then smear their colours over their neighbours."""
     changes, likeness, ratios = {}, {}, {}
-    short = OPTIONS.model_copy(update={"iterations": 260, "splat_budget": 1200, "opaque_weight": 0.05})
+    short = OPTIONS.model_copy(update={"iterations": 200, "splat_budget": 1200})
     for name, update in {
         "with": {"anisotropy_weight": 0.5},
         "without": {"anisotropy_weight": 0.0, "anisotropy_limit": 100.0},

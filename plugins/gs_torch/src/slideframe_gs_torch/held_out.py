@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from slideframe_gs_torch.reconstructor import TorchSplats
 
 # Measured that often, in shares of the iterations, from the time when photographs are shown in full.
-MEASURE_SHARE, FIRST_SHARE = 0.05, 0.25
+MEASURE_SHARE, FIRST_SHARE = 0.05, 0.4
 # Settled when nothing is gained over this share, and not while steps are still so long that the likeness wavers.
 SETTLE_SHARE, LEAST_SHARE = 0.1, 0.85
 

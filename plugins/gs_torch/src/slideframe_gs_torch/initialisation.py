@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 FEWEST_POINTS = 100
 FALLBACK_POINTS = 5000
 # Half opaque and narrow: each point shows its colour, and lets its neighbours show theirs.
-START_OPACITY, START_SIZE = 0.5, 0.4
+START_OPACITY, START_SIZE = 0.5, 0.6
 NEIGHBOURS = 3
 
 

@@ -22,12 +22,12 @@ class TorchSplats(Reconstructor):
     name: ClassVar[str] = "gs_torch"
     backend: ClassVar[tuple[str, ...]] = ("torch", "numba", "scipy")
 
-    iterations: int = Field(default=2600, ge=1, le=1_000_000, description="photographs shown, one per iteration")
+    iterations: int = Field(default=2500, ge=1, le=1_000_000, description="photographs shown, one per iteration")
     splat_budget: int = Field(
         default=150_000, ge=100, le=10_000_000, description="most splats that densification makes"
     )
     start_share: float = Field(
-        default=1.0,
+        default=0.75,
         ge=0,
         le=1,
         description="share of the budget that training starts with: points between the survey's sparse ones and beyond "
@@ -94,7 +94,7 @@ class TorchSplats(Reconstructor):
         "recording shows; 0: none",
     )
     opaque_weight: float = Field(
-        default=0.1,
+        default=0.05,
         ge=0,
         description="weight in the loss of the mean share of light that passes all splats: without it the ground stays "
         "translucent where the background has the right colour",

@@ -28,14 +28,14 @@ if TYPE_CHECKING:
     from slideframe_gs_torch.reconstructor import TorchSplats
 
 # Steps for each photograph that shows a splat; positions in scene extents, falling a hundredfold by the end. They are
-# bolder than those of Kerbl et al. 2023, whose training is ten times as long.
-CENTER_RATE, CENTER_DECAY = 1e-3, 0.01
+# far bolder than those of Kerbl et al. 2023, whose training is ten times as long.
+CENTER_RATE, CENTER_DECAY = 2.4e-3, 0.01
 # The others fall to a tenth over the last part: until then what a step adds to the error hardly matters, in the end it
 # would show as half a decibel of noise.
 SETTLING_FROM, SETTLED_RATE = 0.6, 0.1
 RATES = {"rotations": 8e-3, "log_scales": 8e-2, "logits": 0.16, "constant": 8e-2, "view_dependent": 4e-3}
 # Shares of the iterations at which the picture has a quarter and a half of its width.
-QUARTER_UNTIL, HALF_UNTIL = 0.05, 0.25
+QUARTER_UNTIL, HALF_UNTIL = 0.15, 0.4
 # A splat's largest scale, in scene extents: beyond it lies a curtain behind the scene, not the ground.
 LARGEST_SHARE = 0.05
 # Its smallest: far below a pixel, and far above the underflow that would void the limit on its shape.
