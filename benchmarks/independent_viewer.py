@@ -27,6 +27,7 @@ from training import moved
 from slideframe.device import Device
 from slideframe.formats.splat_ply import write_splat_ply
 from slideframe.products import SplatCloud, Survey
+from slideframe.record.scene import pinhole
 from slideframe.stages import Context
 from slideframe.store import Entry
 from slideframe_gs_torch.evaluation import draw_view
@@ -47,20 +48,8 @@ def scene(folder: Path, splats: SplatCloud, view: TrainingView) -> list[Path]:
     grey = [round(255 * level) for level in BACKGROUND]
     shown = rrb.Spatial3DView(origin="/", background=grey, eye_controls=eye, line_grid=rrb.LineGrid3D(visible=False))
     recording.save(folder / "view.rrd", default_blueprint=rrb.Blueprint(shown, collapse_panels=True))
-    pose, camera = view.world_from_camera, view.camera
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    recording.log(
-        "camera",
-        rr.Transform3D(translation=pose[:, 3], mat3x3=pose[:, :3]),
-        rr.Pinhole(
-            resolution=[camera.width, camera.height],
-            focal_length=[camera.focal_x, camera.focal_y],
-            principal_point=[camera.principal_x, camera.principal_y],
-            camera_xyz=rr.ViewCoordinates.RDF,
-            image_plane_distance=1e-3,
-        ),
-        static=True,
-    )
+    recording.log("camera", *pinhole(view.camera, view.world_from_camera, image_plane_distance=1e-3), static=True)
     recording.log_file_from_path(folder / "splats.ply", entity_path_prefix="scan", static=True)
     recording.flush()
     recording.disconnect()
@@ -103,7 +92,7 @@ def wait_for(attempt):
         try:
             if found := attempt():
                 return found
-        except Exception:
+        except Exception:  # the client's errors while the viewer starts have no class of their own
             if time.monotonic() > deadline:
                 raise
         time.sleep(2)

@@ -1,5 +1,6 @@
 """What explicit solvers on a sparse grid share but for their kernels: options, promises, and the checks of a start."""
 
+from abc import abstractmethod
 from typing import ClassVar
 
 from pydantic import Field
@@ -38,9 +39,9 @@ class ExplicitSolver(Solver):
                 cure="use --device cpu, or set deterministic = false",
             )
 
+    @abstractmethod
     def bytes_needed(self, particle_count: int, node_count: int, simulation: Simulation) -> int:
         """Return the memory that a simulation takes."""
-        raise NotImplementedError
 
     def sound_grid(self, filling: Filling, problem: SimulationProblem) -> Grid:
         """Return the grid of a start that is sound and fits into memory; nothing has been allocated by then.

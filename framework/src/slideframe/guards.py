@@ -40,13 +40,7 @@ def check_spacing(plan_size: tuple[float, float], simulation: Simulation) -> Non
         )
     # before the surface is known, at least one layer of cells is certain
     certain_particles = plan_size[0] * plan_size[1] / spacing**2 * simulation.particles_per_cell
-    if certain_particles * LEAST_BYTES_PER_PARTICLE > available_memory():
-        raise ConfigurationError(
-            f"one layer of cells of {spacing:g} m holds {certain_particles:,.0f} particles: "
-            f"more than the {available_memory() / 1e9:.1f} GB of free memory can hold",
-            where="simulation.grid_spacing",
-            cure="raise grid_spacing or make the region smaller",
-        )
+    _require_room(certain_particles, f"one layer of cells of {spacing:g} m holds {certain_particles:,.0f} particles")
 
 
 def check_particles(volume: float, spacing: float) -> None:
@@ -56,10 +50,13 @@ def check_particles(volume: float, spacing: float) -> None:
         ConfigurationError: the particles are too many.
     """
     particles = volume / spacing**3
+    _require_room(particles, f"the mass of {volume:,.0f} m3 would be {particles:,.0f} particles {spacing:g} m apart")
+
+
+def _require_room(particles: float, what: str) -> None:
     if particles * LEAST_BYTES_PER_PARTICLE > available_memory():
         raise ConfigurationError(
-            f"the mass of {volume:,.0f} m3 would be {particles:,.0f} particles {spacing:g} m apart: "
-            f"more than the {available_memory() / 1e9:.1f} GB of free memory can hold",
+            f"{what}: more than the {available_memory() / 1e9:.1f} GB of free memory can hold",
             where="simulation.grid_spacing",
             cure="raise grid_spacing (doubling it takes an eighth of the memory) or make the region smaller",
         )

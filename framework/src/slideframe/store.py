@@ -224,7 +224,8 @@ class Entry:
         yield partial
         with storing(self.folder):
             if self.pictures_of_stage.is_dir():
-                self.pictures_of_stage.rename(partial / PICTURES)
+                # a stream that broke off in its last moment has some there already
+                shutil.copytree(self.pictures_of_stage, partial / PICTURES, dirs_exist_ok=True)
             os.sync()  # the arrays too are on the disk before the result counts as whole
             shutil.rmtree(self.folder, ignore_errors=True)
             partial.rename(self.folder)

@@ -5,12 +5,29 @@ from collections.abc import Mapping
 import rerun as rr
 from PIL import Image
 
+from slideframe.arrays import Float64Array
 from slideframe.photographs import load_photograph
-from slideframe.products import SplatCloud, Survey
+from slideframe.products import Camera, SplatCloud, Survey
 from slideframe.record.drawing import DRAWN_SPLATS, jpeg, log_picture, real_part_last, rgba, thinned
 
 PHOTOGRAPH_WIDTH = 480
 DRAWN_PHOTOGRAPHS = 120
+
+
+def pinhole(
+    camera: Camera, world_from_camera: Float64Array, image_plane_distance: float
+) -> tuple[rr.Transform3D, rr.Pinhole]:
+    """Return what tells the viewer of a camera and its pose (3, 4), the picture so many metres before it."""
+    return (
+        rr.Transform3D(translation=world_from_camera[:, 3], mat3x3=world_from_camera[:, :3]),
+        rr.Pinhole(
+            resolution=[camera.width, camera.height],
+            focal_length=[camera.focal_x, camera.focal_y],
+            principal_point=[camera.principal_x, camera.principal_y],
+            camera_xyz=rr.ViewCoordinates.RDF,
+            image_plane_distance=image_plane_distance,
+        ),
+    )
 
 
 def log_survey(stream: rr.RecordingStream, survey: Survey) -> None:
@@ -22,14 +39,7 @@ def log_survey(stream: rr.RecordingStream, survey: Survey) -> None:
         pose = survey.world_from_camera[index]
         stream.log(
             entity,
-            rr.Transform3D(translation=pose[:, 3], mat3x3=pose[:, :3]),
-            rr.Pinhole(
-                resolution=[camera.width, camera.height],
-                focal_length=[camera.focal_x, camera.focal_y],
-                principal_point=[camera.principal_x, camera.principal_y],
-                camera_xyz=rr.ViewCoordinates.RDF,
-                image_plane_distance=4.0,
-            ),
+            *pinhole(camera, pose, image_plane_distance=4.0),
             rr.EncodedImage(contents=jpeg(pixels), media_type="image/jpeg"),
             static=True,
         )

@@ -46,6 +46,7 @@ class SoilColors:
             self._of_vertex = _base(photographed)
             self._of_vertex[unseen] = _mean_colors(ground[unseen], observed, neighbors)
             self._bare = _bare(self._of_vertex)
+            self._usual = np.median(self._bare, axis=0)
 
     def at(self, points: Float32Array, foot: Float32Array, vertex: Int32Array, spacing: float) -> Float32Array:
         """Return the base colour (point, 1, 3) of soil at `points` (point, 3).
@@ -63,10 +64,9 @@ class SoilColors:
         else:
             depth = np.linalg.norm(foot - points, axis=1)[:, None]
             left = np.exp(-depth / FADING_DEPTH)
-            usual = np.median(self._bare, axis=0)
-            colors = left * self._of_vertex[vertex] + (1 - left) * usual
+            colors = left * self._of_vertex[vertex] + (1 - left) * self._usual
             for side, share in LUMPS:
-                colors += share * (_picked(self._bare, points, side * spacing) - usual)
+                colors += share * (_picked(self._bare, points, side * spacing) - self._usual)
         return np.ascontiguousarray(colors[:, None, :], np.float32)
 
 

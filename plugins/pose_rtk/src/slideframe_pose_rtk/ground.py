@@ -3,6 +3,7 @@
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
 from slideframe.arrays import Float64Array
 from slideframe_pose_rtk.flight import Flight
@@ -55,6 +56,33 @@ def footprint(flight: Flight, index: int, height: float, samples: int) -> Float6
     return points
 
 
+def lenses_of(flight: Flight) -> Float64Array:
+    """Return focal lengths, principal point and size (photograph, 6), px."""
+    rows = [
+        (camera.focal_x, camera.focal_y, camera.principal_x, camera.principal_y, camera.width, camera.height)
+        for camera in flight.cameras
+    ]
+    return np.array(rows, np.float64)[list(flight.camera_of)]
+
+
+def in_picture(
+    flight: Flight, photographs: npt.NDArray[np.int64], lenses: Float64Array, points: Float64Array
+) -> npt.NDArray[np.bool_]:
+    """Tell which points (point, 3) the chosen photographs show (photograph, point), distortion neglected.
+
+    `lenses` are those of all photographs, see `lenses_of`.
+    """
+    in_camera = np.matmul(points[None] - flight.positions[photographs, None], flight.rotations[photographs])
+    ahead = np.maximum(in_camera[:, :, 2], 1e-9)
+    focal_x, focal_y, principal_x, principal_y, width, height = lenses[photographs].T[:, :, None]
+    column = focal_x * in_camera[:, :, 0] / ahead + principal_x
+    row = focal_y * in_camera[:, :, 1] / ahead + principal_y
+    inside: npt.NDArray[np.bool_] = (
+        (in_camera[:, :, 2] > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    )
+    return inside
+
+
 def _by_overlap(flight: Flight, pairs: list[tuple[int, int]], highest: float) -> float:
     """Return the height, at `highest` or below, that overlap speaks for.
 
@@ -85,17 +113,10 @@ def _consecutive(flight: Flight) -> list[tuple[int, int]]:
 
 
 def _overlap(flight: Flight, pairs: list[tuple[int, int]], height: float) -> float:
-    """Return the median share of a picture's ground that the next one shows too; 1 where there are no pairs."""
-    shares = [_shared(flight, one, other, footprint(flight, one, height, SAMPLES)) for one, other in pairs]
+    """Return the median share of a picture's rays that meet ground which the next shows; 1 where there are no pairs."""
+    lenses = lenses_of(flight)
+    shares = [
+        in_picture(flight, np.array([other]), lenses, footprint(flight, one, height, SAMPLES)).sum() / SAMPLES**2
+        for one, other in pairs
+    ]
     return float(np.median(shares)) if shares else 1.0
-
-
-def _shared(flight: Flight, one: int, other: int, points: Float64Array) -> float:
-    """Return the share of a photograph's rays that meet ground which the other one shows, distortion neglected."""
-    camera = flight.cameras[flight.camera_of[other]]
-    right, down, ahead = ((points - flight.positions[other]) @ flight.rotations[other]).T
-    ahead = np.where(ahead > 0, ahead, np.inf)
-    column = camera.focal_x * right / ahead + camera.principal_x
-    row = camera.focal_y * down / ahead + camera.principal_y
-    inside = (ahead < np.inf) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-    return float(inside.sum()) / SAMPLES**2

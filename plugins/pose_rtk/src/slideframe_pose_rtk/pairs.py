@@ -6,7 +6,7 @@ import numpy as np
 
 from slideframe.arrays import Float64Array
 from slideframe_pose_rtk.flight import Flight
-from slideframe_pose_rtk.ground import footprint, ground_height
+from slideframe_pose_rtk.ground import footprint, ground_height, in_picture, lenses_of
 from slideframe_pose_rtk.sessions import sessions_of
 
 SAMPLES = 8  # rays per side of a picture that stand for its footprint
@@ -56,33 +56,13 @@ def shared_view(flight: Flight) -> Float64Array:
     count = len(flight)
     height = ground_height(flight)
     axes = flight.rotations[:, :, 2]
-    lenses = _lenses(flight)
+    everyone, lenses = np.arange(count), lenses_of(flight)
     score = np.zeros((count, count))
     for index in np.flatnonzero(flight.oriented):
         ground = footprint(flight, int(index), height, SAMPLES)
         if len(ground):
-            score[index] = _seen_share(flight, lenses, ground) * np.maximum(0.0, axes @ axes[index])
+            seen = in_picture(flight, everyone, lenses, ground).mean(axis=1)
+            score[index] = seen * np.maximum(0.0, axes @ axes[index])
     score[:, ~flight.oriented] = 0.0
     np.fill_diagonal(score, 0.0)
     return score
-
-
-def _lenses(flight: Flight) -> Float64Array:
-    """Return focal lengths, principal point and size (photograph, 6), px."""
-    rows = [
-        (camera.focal_x, camera.focal_y, camera.principal_x, camera.principal_y, camera.width, camera.height)
-        for camera in flight.cameras
-    ]
-    return np.array(rows, np.float64)[list(flight.camera_of)]
-
-
-def _seen_share(flight: Flight, lenses: Float64Array, points: Float64Array) -> Float64Array:
-    """Return for each photograph the share of points (point, 3) within its picture, distortion neglected."""
-    in_camera = np.matmul(points[None] - flight.positions[:, None], flight.rotations)
-    ahead = np.maximum(in_camera[:, :, 2], 1e-9)
-    focal_x, focal_y, principal_x, principal_y, width, height = lenses.T[:, :, None]
-    column = focal_x * in_camera[:, :, 0] / ahead + principal_x
-    row = focal_y * in_camera[:, :, 1] / ahead + principal_y
-    inside = (in_camera[:, :, 2] > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    share: Float64Array = inside.mean(axis=1)
-    return share
