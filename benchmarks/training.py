@@ -6,6 +6,8 @@ SURVEY_RESULT is a stored survey, `store/pose_source-<key>` of a run that reache
 training from scratch with otherwise default options. Held-out photographs measure the likeness. For the streaks, each
 splat is turned at random about its centre, as grains of a moving mass turn: compact splats leave the picture much as it
 was, needles smear it. The streak figure is the root mean square change of the picture, in grey levels of 255.
+The photographs held out are compared before a sky too, and pixels counted that let a tenth of the light through:
+splats that are translucent where the background of training has the right colour look better than they are.
 """
 
 import argparse
@@ -21,7 +23,7 @@ from slideframe.device import Device
 from slideframe.products import SplatCloud, Survey
 from slideframe.stages import Context
 from slideframe.store import Entry
-from slideframe_gs_torch.evaluation import draw_view
+from slideframe_gs_torch.evaluation import draw_view, likeness
 from slideframe_gs_torch.reconstructor import TorchSplats
 from slideframe_gs_torch.views import TrainingView, load_views
 
@@ -33,11 +35,15 @@ VARIANTS = {
     "exposure": {"exposure_correction": True},
     "depth": {"depth_weight": 0.1},
     "two blocks": {"blocks": 2},
+    "opaque_weight 0.01": {"opaque_weight": 0.01},
+    "opaque_weight 0.1": {"opaque_weight": 0.1},
 }
 LIMIT = 3.0
 # The photograph, a held-out one, that the picture shows.
 SHOWN = 16
 BACKGROUND = (0.5, 0.5, 0.5)
+BLACK, WHITE, SKY = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (0.62, 0.74, 0.86)
+TRANSLUCENT = 0.1  # share of light that passes
 
 
 def turned_at_random(splats: SplatCloud, seed: int = 0) -> SplatCloud:
@@ -52,6 +58,15 @@ def streaks(splats: SplatCloud, view: TrainingView) -> tuple[float, torch.Tensor
     still = draw_view(splats, view, BACKGROUND)
     turned = draw_view(turned_at_random(splats), view, BACKGROUND)
     return float(255 * (turned - still).square().mean().sqrt()), still, turned
+
+
+def before_sky(splats: SplatCloud, views: list[TrainingView]) -> tuple[float, float]:
+    """Return the mean PSNR of the views before a sky, dB, and the share of their pixels that are translucent."""
+    ratios = [likeness(splats, view, SKY).psnr for view in views]
+    passing = [(draw_view(splats, view, WHITE) - draw_view(splats, view, BLACK)).mean(dim=0) for view in views]
+    return float(np.mean(ratios)), float(
+        torch.cat([light.ravel() for light in passing]).gt(TRANSLUCENT).double().mean()
+    )
 
 
 def main() -> None:
@@ -76,6 +91,9 @@ def main() -> None:
         changed, still, turned = streaks(splats, view)
         rows.append(torch.cat([view.truth, still, turned], dim=2))
         print_variant(name, splats, changed, context.figures)
+        held_out = range(0, len(survey.photographs), options.hold_out_every)
+        sky, share = before_sky(splats, list(load_views(survey, held_out, options.image_width, context)))
+        print(f"  held out before a sky: {sky:.2f} dB; translucent: {share:.2%} of the pixels", flush=True)
     if arguments.picture:
         grid = torch.cat(rows, dim=1).permute(1, 2, 0).mul(255).round().to(torch.uint8)
         Image.fromarray(grid.numpy()).save(arguments.picture, quality=88)
