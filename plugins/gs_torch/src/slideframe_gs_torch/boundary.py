@@ -52,7 +52,7 @@ class _Compiled(torch.autograd.Function):
         shown = [_array(group) for group in features]
         planes = [compiled.composite(drawing.lists, view, group)[0] for group in shown]
         median = compiled.median_splats(drawing, view) if shown else np.empty((0, 0), np.int32)
-        ctx.state = splats, view, drawing, shown, planes, settings
+        ctx.state = splats, view, drawing, shown, settings
         stacked = np.stack(planes) if planes else np.empty((0, 3, *view.size), np.float32)
         results = tuple(torch.from_numpy(array) for array in (drawing.image, drawing.transmittance, stacked, median))
         ctx.mark_non_differentiable(results[3])
@@ -60,15 +60,22 @@ class _Compiled(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *outer: Any) -> tuple[Any, ...]:
-        splats, view, drawing, shown, planes, settings = ctx.state
+        splats, view, drawing, shown, settings = ctx.state
         d_image, d_transmittance = _gradient(outer[0], drawing.image), _gradient(outer[1], drawing.transmittance)
-        moments = compiled.composite_backward(drawing, view, drawing.colours, drawing.image, d_image, d_transmittance)
+        moments = compiled.composite_backward(
+            drawing, view, drawing.colours, drawing.background, d_image, d_transmittance
+        )
         d_features = []
         for index, group in enumerate(shown):
             if outer[2] is None:
                 break
             further = compiled.composite_backward(
-                drawing, view, group, planes[index], _array(outer[2][index]), np.zeros_like(drawing.transmittance)
+                drawing,
+                view,
+                group,
+                compiled.NO_BACKGROUND,
+                _array(outer[2][index]),
+                np.zeros_like(drawing.transmittance),
             )
             d_features.append(torch.from_numpy(compiled.sum_features(drawing, further)))
             moments[:, :6] += further[:, :6]

@@ -94,7 +94,9 @@ class Drawing:
     transmittance: Float32Array
     screen: Float32Array
     colours: Float32Array
+    background: Float32Array
     lists: TileLists
+    taken: Float32Array
     processed: npt.NDArray[np.int64]
 
 
@@ -123,8 +125,8 @@ def draw(splats: Splats, view: View, background: Float32Array, frames: Float32Ar
             splats.centers, splats.colours, view.viewpoint, frames, screen, colours,
         )  # fmt: skip
     lists = list_tiles(screen, view)
-    image, transmittance, processed = composite(lists, view, colours, background)
-    return Drawing(image, transmittance, screen, colours, lists, processed)
+    image, transmittance, taken, processed = composite(lists, view, colours, background)
+    return Drawing(image, transmittance, screen, colours, background, lists, taken, processed)
 
 
 def list_tiles(screen: Float32Array, view: View) -> TileLists:
@@ -148,30 +150,31 @@ def list_tiles(screen: Float32Array, view: View) -> TileLists:
 
 def composite(
     lists: TileLists, view: View, paint: Float32Array, background: Float32Array = NO_BACKGROUND
-) -> tuple[Float32Array, Float32Array, npt.NDArray[np.int64]]:
-    """Return the image (3, height, width) of what splats show (splat, 3), transmittance, and entries per tile."""
+) -> tuple[Float32Array, Float32Array, Float32Array, npt.NDArray[np.int64]]:
+    """Return the image (3, height, width) of what splats show (splat, 3), transmittance, entries per pixel and tile."""
     image = np.empty((compositing.CHANNELS, *view.size), np.float32)
-    transmittance = np.empty(view.size, np.float32)
+    transmittance, taken = np.empty(view.size, np.float32), np.empty(view.size, np.float32)
     processed = np.empty(len(lists.starts) - 1, np.int64)
     run_shares(
         compositing.composite, len(processed), view.pixel_count,
         view.tiles[1], lists.screen, paint[lists.order], lists.starts, lists.splats, lists.rows,
-        background, image, transmittance, processed,
+        background, image, transmittance, taken, processed,
     )  # fmt: skip
-    return image, transmittance, processed
+    return image, transmittance, taken, processed
 
 
 def composite_backward(
-    drawing: Drawing, view: View, paint: Float32Array, image: Float32Array,
+    drawing: Drawing, view: View, paint: Float32Array, background: Float32Array,
     d_image: Float32Array, d_transmittance: Float32Array,
 ) -> Float32Array:  # fmt: skip
-    """Return the moments (slot, MOMENT_COLUMNS) of one image of the drawing."""
+    """Return the moments (slot, MOMENT_COLUMNS) of the image of `paint` over `background`, drawn as the drawing was."""
     lists = drawing.lists
     moments = np.empty((len(lists.splats), compositing.MOMENT_COLUMNS), np.float32)
     run_shares(
         compositing.composite_backward, len(drawing.processed), view.pixel_count,
         view.tiles[1], lists.screen, paint[lists.order], lists.starts, lists.splats, lists.rows,
-        lists.slots, drawing.processed, image, drawing.transmittance, d_image, d_transmittance, moments,
+        lists.slots, drawing.processed, background, drawing.transmittance, drawing.taken, d_image, d_transmittance,
+        moments,
     )  # fmt: skip
     return moments
 

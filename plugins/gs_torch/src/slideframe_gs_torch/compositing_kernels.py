@@ -19,9 +19,10 @@ from slideframe_gs_torch.projection_kernels import LOG_OPACITY, MEAN_X, MEAN_Y, 
 
 LARGEST_ALPHA = 0.99
 # A pixel that passes less light than this is done, and a tile whose pixels all are is left; looked at every few splats.
-# Kerbl et al. (2023) stop at 1e-4, which costs the gradients of what lies behind their fourth digit.
-OPAQUE_TRANSMITTANCE = np.float32(1e-6)
-SPLATS_BETWEEN_LOOKS = 8
+# Kerbl et al. (2023) stop at 1e-4, which costs the gradients of what lies behind their fourth digit; the pose's, a sum
+# over all splats of which most cancels, needs another three.
+OPAQUE_TRANSMITTANCE = np.float32(1e-7)
+SPLATS_BETWEEN_LOOKS = 12
 # Splats whose numbers are fetched together.
 BATCH = 64
 # Light left where a pixel counts as having reached the surface, for the median depth.
@@ -36,9 +37,9 @@ MOMENT_COLUMNS = 9
 # Where a tile's planes lie in the scratch buffer; the transmittance comes first.
 PLANE = TILE_WIDTH * TILE_HEIGHT
 PIXELS, LANES = np.uint64(PLANE), np.uint64(TILE_WIDTH)
-AT_FIRST, AT_SECOND, AT_THIRD, AT_LANE, AT_ROW, AT_REST = (np.uint64(k * PLANE) for k in range(1, 7))
-AT_MEDIAN = AT_FIRST
-SCRATCH = 7 * PLANE
+AT_FIRST, AT_SECOND, AT_THIRD, AT_LANE, AT_ROW, AT_REST, AT_TAKEN = (np.uint64(k * PLANE) for k in range(1, 8))
+AT_MEDIAN, AT_LEFT = AT_FIRST, AT_REST
+SCRATCH = 8 * PLANE
 # Vectors that straddle cache lines cost double.
 CACHE_LINE = 64
 
@@ -100,11 +101,19 @@ def terms_of(row):
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def pixels_passing(scratch):
-    """Return how many pixels still pass light."""
+def close_pixels(scratch, number):
+    """Let no more light into pixels that are done after `number` splats; return how many still pass some.
+
+    What a done pixel has left moves to another plane, so that the rows need not ask.
+    """
     passing = np.uint32(0)
-    for pixel in range(PIXELS):
-        passing += np.uint32(scratch[pixel] > OPAQUE_TRANSMITTANCE)
+    for i in range(PIXELS):
+        light = scratch[i]
+        passes = light > OPAQUE_TRANSMITTANCE
+        passing += np.uint32(passes)
+        scratch[i + AT_TAKEN] = number if light > _ZERO else scratch[i + AT_TAKEN]
+        scratch[i + AT_LEFT] += _ZERO if passes else light
+        scratch[i] = light if passes else _ZERO
     return passing
 
 
@@ -120,7 +129,7 @@ def clear_tile(scratch, rows, lanes):
 @njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 def composite(
     first_task, last_task, columns, screen, paint, tile_starts, entry_splats, entry_rows,
-    background, image, transmittance, processed,
+    background, image, transmittance, taken, processed,
 ):  # fmt: skip
     """Fill `image` (CHANNELS, height, width), over the background, and `transmittance` (height, width).
 
@@ -136,6 +145,7 @@ def composite(
         background: (CHANNELS,), float32.
         image: out.
         transmittance: out.
+        taken: (height, width), out, only where a pixel was done: how many of its tile's entries it took before.
         processed: (tile,), out: how many entries each tile took before it was opaque.
     """
     height, width = transmittance.shape
@@ -144,6 +154,7 @@ def composite(
         tile_x, tile_y = (tile % columns) * TILE_WIDTH, (tile // columns) * TILE_HEIGHT
         rows, lanes = min(TILE_HEIGHT, height - tile_y), min(TILE_WIDTH, width - tile_x)
         clear_tile(scratch, rows, lanes)
+        scratch[6 * PLANE :] = 0.0
         start, stop = tile_starts[tile], tile_starts[tile + 1]
         k = start
         while k < stop:
@@ -155,79 +166,89 @@ def composite(
                 x = f - along * along - across * across
                 alpha = min(exp_of_eight(x), _LARGEST)
                 light = scratch[i]
-                weight = light * (alpha if (x >= _FAINTEST) & (light > OPAQUE_TRANSMITTANCE) else _ZERO)
+                weight = light * (alpha if x >= _FAINTEST else _ZERO)
                 scratch[i] = light - weight
                 scratch[i + AT_FIRST] += weight * first
                 scratch[i + AT_SECOND] += weight * second
                 scratch[i + AT_THIRD] += weight * third
             k += 1
-            if (k - start) % SPLATS_BETWEEN_LOOKS == 0 and pixels_passing(scratch) == 0:
+            if (k - start) % SPLATS_BETWEEN_LOOKS == 0 and close_pixels(scratch, np.float32(k - start)) == 0:
                 break
         processed[tile] = k - start
+        close_pixels(scratch, np.float32(k - start))
         for row in range(rows):
             for lane in range(lanes):
-                left = scratch[row * TILE_WIDTH + lane]
+                left = scratch[row * TILE_WIDTH + lane] + scratch[6 * PLANE + row * TILE_WIDTH + lane]
                 transmittance[tile_y + row, tile_x + lane] = left
+                if left <= OPAQUE_TRANSMITTANCE:
+                    taken[tile_y + row, tile_x + lane] = scratch[7 * PLANE + row * TILE_WIDTH + lane]
                 for channel in range(CHANNELS):
                     seen = scratch[(channel + 1) * PLANE + row * TILE_WIDTH + lane]
                     image[channel, tile_y + row, tile_x + lane] = seen + left * background[channel]
 
 
 @njit(cache=True, error_model="numpy")
-def load_gradient(scratch, tile_x, tile_y, rows, lanes, image, transmittance, d_image, d_transmittance):
-    """Start a tile's backward pass: all light, dL/dC, and what lies behind, <dL/dC, C> + dL/dT T.
-
-    C has the background in it, so its share of dL/dT is there already.
-    """
-    clear_tile(scratch, rows, lanes)
+def load_gradient(
+    scratch, tile_x, tile_y, rows, lanes, count, background, transmittance, taken, d_image, d_transmittance
+):
+    """Start a tile's backward pass behind its `count` splats: the light left, and T (dL/dT + <dL/dC, background>)."""
+    scratch[: 4 * PLANE] = 0.0
     scratch[6 * PLANE :] = 0.0
     for row in range(rows):
         for lane in range(lanes):
             i, y, x = row * TILE_WIDTH + lane, tile_y + row, tile_x + lane
-            rest = transmittance[y, x] * d_transmittance[y, x]
+            behind = d_transmittance[y, x]
             for channel in range(CHANNELS):
                 scratch[i + (channel + 1) * PLANE] = d_image[channel, y, x]
-                rest += d_image[channel, y, x] * image[channel, y, x]
-            scratch[i + 6 * PLANE] = rest
+                behind += d_image[channel, y, x] * background[channel]
+            left = transmittance[y, x]
+            scratch[i], scratch[i + 6 * PLANE] = left, left * behind
+            scratch[i + 7 * PLANE] = taken[y, x] if left <= OPAQUE_TRANSMITTANCE else count
 
 
 @njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 def composite_backward(
     first_task, last_task, columns, screen, paint, tile_starts, entry_splats, entry_rows,
-    entry_slots, processed, image, transmittance, d_image, d_transmittance, moments,
+    entry_slots, processed, background, transmittance, taken, d_image, d_transmittance, moments,
 ):  # fmt: skip
     """Fill `moments` (slot, MOMENT_COLUMNS) with the pixels' gradients, one slot per splat and tile.
 
-    Goes front to back again. With s = <dL/dC, c> of a splat and the rest R = sum of w s over the splats
-    behind it + T_end dL/dT_end, dL/dalpha = T s - R / (1 - alpha). The moments are those of
-    alpha dL/dalpha = dL/d(8 x); then come w dL/dC. `entry_slots` (entry,) are rows of `moments`; see `composite`.
+    Goes back to front. With s = <dL/dC, c> of a splat, the light T that reaches it, and the rest R = sum of w s over
+    the splats behind it + T_end dL/dT_end, dL/dalpha = T s - R / (1 - alpha). R is added up from behind: taken off
+    from the front, what remains behind a thousand splats would be the rounding of the first. The moments are those
+    of alpha dL/dalpha = dL/d(8 x); then come w dL/dC. `entry_slots` (entry,) are rows of `moments`; see `composite`.
     """
     height, width = transmittance.shape
     scratch, staged = aligned_scratch(), np.empty((BATCH, 9), np.float32)
     for tile in range(first_task, last_task):
         tile_x, tile_y = (tile % columns) * TILE_WIDTH, (tile // columns) * TILE_HEIGHT
         rows, lanes = min(TILE_HEIGHT, height - tile_y), min(TILE_WIDTH, width - tile_x)
-        load_gradient(scratch, tile_x, tile_y, rows, lanes, image, transmittance, d_image, d_transmittance)
+        load_gradient(
+            scratch, tile_x, tile_y, rows, lanes, processed[tile],
+            background, transmittance, taken, d_image, d_transmittance,
+        )  # fmt: skip
         start, stop = tile_starts[tile], tile_starts[tile] + processed[tile]
-        for k in range(start, stop):
-            if (k - start) % BATCH == 0:
-                stage_batch(staged, k, min(k + BATCH, stop), tile_x, tile_y, screen, paint, entry_splats)
-            a, b, c, d, e, f, first, second, third = terms_of(staged[(k - start) % BATCH])
+        for k in range(stop - 1, start - 1, -1):
+            place = (k - start) % BATCH
+            if place == BATCH - 1 or k == stop - 1:
+                stage_batch(staged, k - place, k + 1, tile_x, tile_y, screen, paint, entry_splats)
+            a, b, c, d, e, f, first, second, third = terms_of(staged[place])
+            index = np.float32(k - start)
             m_0 = m_t = m_s = m_tt = m_ts = m_ss = w_first = w_second = w_third = _ZERO
             for i in range(np.uint64(entry_rows[k, 0]) * LANES, np.uint64(entry_rows[k, 1]) * LANES):
                 across, along = a * scratch[i + AT_LANE] + (b * scratch[i + AT_ROW] + c), d * scratch[i + AT_ROW] + e
                 x = f - along * along - across * across
                 raw = exp_of_eight(x)
-                light = scratch[i]
-                alpha = min(raw, _LARGEST) if (x >= _FAINTEST) & (light > OPAQUE_TRANSMITTANCE) else _ZERO
+                alpha = min(raw, _LARGEST) if (x >= _FAINTEST) & (index < scratch[i + AT_TAKEN]) else _ZERO
+                spread = _ONE / (_ONE - alpha)
+                light, rest = scratch[i] * spread, scratch[i + AT_REST]
                 weight = light * alpha
                 g_first, g_second, g_third = scratch[i + AT_FIRST], scratch[i + AT_SECOND], scratch[i + AT_THIRD]
                 share = weight * (g_first * first + g_second * second + g_third * third)
-                rest = scratch[i + AT_REST] - share
-                pull = share - alpha * rest / (_ONE - alpha)
+                pull = share - alpha * spread * rest
                 pull = pull if raw < _LARGEST else _ZERO
-                scratch[i] = light - weight
-                scratch[i + AT_REST] = rest
+                scratch[i] = light
+                scratch[i + AT_REST] = rest + share
                 pull_across, pull_along = pull * across, pull * along
                 m_0 += pull
                 m_t += pull_across
@@ -242,7 +263,7 @@ def composite_backward(
             out[0], out[1], out[2] = m_0, _FOUR * m_t, _FOUR * m_s
             out[3], out[4], out[5] = _FOUR * _FOUR * m_tt, _FOUR * _FOUR * m_ts, _FOUR * _FOUR * m_ss
             out[6], out[7], out[8] = w_first, w_second, w_third
-        for k in range(tile_starts[tile] + processed[tile], tile_starts[tile + 1]):
+        for k in range(stop, tile_starts[tile + 1]):
             moments[entry_slots[k]] = _ZERO
 
 
