@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -40,9 +41,8 @@ BARS = 110
 SECONDS = 90
 
 
-def scene(folder: Path, splats: SplatCloud, view: TrainingView) -> list[Path]:
-    """Write what the viewer opens: the PLY file, and the camera to look through."""
-    write_splat_ply(splats, folder / "splats.ply")
+def scene(folder: Path, view: TrainingView) -> list[Path]:
+    """Write what the viewer opens beside the PLY file: the camera to look through."""
     recording = rr.RecordingStream("independent viewer", recording_id="view")
     eye = rrb.EyeControls3D(tracking_entity="/camera")
     grey = [round(255 * level) for level in BACKGROUND]
@@ -105,8 +105,8 @@ def framed(shot: Image.Image, view: TrainingView) -> Image.Image:
     return shot.crop((round(left), 0, round(left + width), shot.height)).resize((view.camera.width, view.camera.height))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def compare(parser: argparse.ArgumentParser, seen: Callable[..., Image.Image]) -> None:
+    """Read what is compared, let `seen(folder, view, arguments)` draw it too, save the pictures and print."""
     parser.add_argument("survey", type=Path)
     parser.add_argument("splats", type=Path)
     parser.add_argument("picture", type=Path)
@@ -118,7 +118,8 @@ def main() -> None:
     folder = Path(tempfile.mkdtemp())
     (view,) = load_views(survey, [arguments.photograph], WIDTH, Context(device=Device(), scratch=folder))
     ours = draw_view(splats, view, BACKGROUND).permute(1, 2, 0).mul(255).round().byte().numpy()
-    theirs = np.asarray(seen_by_viewer(scene(folder, splats, view), folder, view))
+    write_splat_ply(splats, folder / "splats.ply")
+    theirs = np.asarray(seen(folder, view, arguments))
     photograph = view.pixels.permute(1, 2, 0).numpy()
     Image.fromarray(np.concatenate([photograph, ours, theirs], axis=1)).save(arguments.picture, quality=88)
     for name, one, other in (
@@ -129,6 +130,11 @@ def main() -> None:
         difference = one.astype(float) - other
         psnr = -10 * np.log10((difference**2).mean() / 255**2)
         print(f"{name}: {psnr:.2f} dB, mean {difference.mean():+.1f} grey levels")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    compare(parser, lambda folder, view, _arguments: seen_by_viewer(scene(folder, view), folder, view))
 
 
 if __name__ == "__main__":
