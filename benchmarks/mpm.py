@@ -197,13 +197,9 @@ def bytes_per_particle(name: str, filling: Filling, problem: SimulationProblem) 
     """Return what the solver estimates before it allocates anything, grid included."""
     from slideframe.tiles import estimate_nodes
 
-    if name == "mpm_warp":
-        from slideframe_mpm_warp.stepper import bytes_needed
-    else:
-        from slideframe_mpm_taichi.stepper import bytes_needed
     count = len(filling.particle_positions)
     nodes = estimate_nodes(filling, problem.grid(filling))
-    return bytes_needed(count, nodes, problem.simulation) / count
+    return registry.load([name])[name]().bytes_needed(count, nodes, problem.simulation) / count
 
 
 def print_shares(name: str, particles: int) -> None:

@@ -126,7 +126,7 @@ class March:
             energy = pace.kinetic_energy(product)
             peak = max(peak, energy)
             resting = simulation.stop == "rest" and energy < simulation.rest_share * peak
-            pace.frame_done(frame, self.substeps, product, last=resting)
+            pace.frame_done(frame, self.substeps, product, energy, last=resting)
             yield product
             if resting:
                 return

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -149,3 +150,12 @@ def test_the_same_bits_are_promised_on_the_processor_only():
     with pytest.raises(ConfigurationError, match="--device cpu"):
         stage.preflight(SLIDING, Device("cuda", 0))
     TaichiSolver().preflight(SLIDING, Device("cuda", 0))
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="only Linux lists a process's threads there")
+def test_every_core_has_a_worker_of_its_own():
+    """Left to themselves, workers may share a core while another idles."""
+    with session(Device(), "float32"):
+        bound = [os.sched_getaffinity(int(thread.name)) for thread in Path("/proc/self/task").iterdir()]
+    for core in os.sched_getaffinity(0):
+        assert {core} in bound

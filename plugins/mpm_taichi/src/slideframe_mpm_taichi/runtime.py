@@ -6,7 +6,7 @@ the same precision share one runtime, and another one waits until the last of th
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from io import StringIO
 
@@ -60,6 +60,7 @@ def _start(device: Device, precision: str) -> None:
     # ti.init announces the architecture with print()
     with redirect_stdout(StringIO()):
         ti.reset()
+        before = _threads()
         ti.init(
             arch=ti.cuda if device.kind == "cuda" else ti.cpu,
             default_fp=ti.f64 if precision == "float64" else ti.f32,
@@ -68,3 +69,25 @@ def _start(device: Device, precision: str) -> None:
             enable_fallback=False,
             log_level=ti.ERROR,
         )
+    if device.kind == "cpu":
+        _spread(_threads() - before)
+
+
+def _threads() -> set[int]:
+    """Return the ids of this process's threads; none where the system doesn't list them as Linux does."""
+    try:
+        return {int(name) for name in os.listdir("/proc/self/task")}
+    except OSError:
+        return set()
+
+
+def _spread(threads: set[int]) -> None:
+    """Bind Taichi's threads to the cores in turn, so that its workers, started one after another, have one each.
+
+    They sleep between loops, a few milliseconds apart. Linux often wakes all of them on the core of the thread that
+    waits for them, where they take turns while another core idles.
+    """
+    cores = sorted(os.sched_getaffinity(0))
+    for place, thread in enumerate(sorted(threads)):
+        with suppress(OSError):  # it has ended
+            os.sched_setaffinity(thread, {cores[place % len(cores)]})

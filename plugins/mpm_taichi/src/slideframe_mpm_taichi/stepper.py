@@ -1,45 +1,27 @@
 """The particles and the grid in Taichi's memory, and the substep that moves them."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from slideframe.arrays import Float64Array
 from slideframe.contact import ground_contact
 from slideframe.device import Device
 from slideframe.guards import STRETCH_BOUNDS
-from slideframe.initial_stress import elastic_state
-from slideframe.problem import LAWS, Grid, Simulation, SimulationProblem
-from slideframe.products import Filling, ParticleFrame
-from slideframe.stress import stress_fields, symmetric
+from slideframe.problem import LAWS, Grid, SimulationProblem
+from slideframe.products import Filling
+from slideframe.sparse_stepper import SparseStepper
 from slideframe.tiles import MOST_DRIFT
 from slideframe.time_integration import Step
-from slideframe_mpm_taichi.layout import INTEGERS_PER_NODE, REALS_PER_FORCE, REALS_PER_NODE, Layout
-from slideframe_mpm_taichi.particles import (
-    INTEGERS_PER_PARTICLE,
-    REALS_PER_PARTICLE,
-    REALS_PER_PLASTIC_STRAIN,
-    REALS_PER_PULL,
-    Particles,
-)
+from slideframe_mpm_taichi.layout import Layout
+from slideframe_mpm_taichi.particles import Particles
 
 # The series for log(1 + X) and exp(Y) - 1 end with the sixth power. Within this norm the first neglected
 # term, of relative size norm^6 / 7, is below the rounding of the type.
 SERIES_RADIUS = {"float32": 0.08, "float64": 0.003}
 
 
-def bytes_needed(particle_count: int, node_count: int, simulation: Simulation) -> int:
-    """Return the memory that a simulation takes."""
-    apart = not simulation.transfer.constants.is_plain
-    per_particle = REALS_PER_PARTICLE + apart * REALS_PER_PULL + simulation.record_stress * REALS_PER_PLASTIC_STRAIN
-    reals = particle_count * per_particle + node_count * (REALS_PER_NODE + apart * REALS_PER_FORCE)
-    integers = particle_count * INTEGERS_PER_PARTICLE + node_count * INTEGERS_PER_NODE
-    return reals * np.dtype(simulation.precision).itemsize + integers * np.dtype(np.int32).itemsize
-
-
-class Stepper:
+class Stepper(SparseStepper):
     """One simulation; Taichi must be kept ready by `runtime.session` as long as it lives."""
 
     def __init__(
@@ -50,17 +32,13 @@ class Stepper:
         `coloured`: threads own tiles of nodes, colour by colour, as a processor's few do unless told otherwise; else
         they share nodes, as a card's thousands do.
         """
+        super().__init__(filling, problem, grid)
         self.coloured = device.kind == "cpu" if coloured is None else coloured
-        self.grid, self.precision = grid, problem.simulation.precision
-        self.problem, self.filling = problem, filling
-        self.step = Step(0.0, problem.simulation.gravity)
+        self.precision = problem.simulation.precision
         self.contact = ground_contact(filling, problem, grid)
         self.ground: tuple[Any, ...] = ()
         self.keeps_excess = not problem.simulation.transfer.constants.is_plain
-        self.particles = Particles(filling, problem, grid)
         self.layout = Layout(problem.simulation, self.particles.count, device.kind == "cpu")
-        # a bound on how far, in cells, a particle has moved since the layout was made; there is none at first
-        self.drift = np.inf
 
     def begin(self, step: Step) -> None:
         """Do all later substeps with `step`; stress terms made for another time step are made anew."""
@@ -82,18 +60,6 @@ class Stepper:
         self._law = 4.0 * per_cell, transfer.affine, LAWS.index(acting.material.law), soil, radius
         arrays = (self.particles[name] for name in ("pulls", "elastic_states", "volumes"))
         kernels.retime(*arrays, 4.0 * (before - step.time_step) / grid.spacing, soil, radius)
-
-    def load(self, hencky: Float64Array) -> None:
-        """Take elastic Hencky strains (n, 3, 3) in the order of the filling as the state."""
-        self.particles.assign("elastic_states", elastic_state(hencky))
-
-    def restart(self) -> None:
-        """Put the particles back where they were at t = 0 and keep their stress."""
-        states = self.particles.in_order("elastic_states")
-        self.particles = Particles(self.filling, self.problem, self.grid)
-        self.particles.assign("elastic_states", states)
-        self.step = Step(0.0, self.step.gravity)
-        self.drift = np.inf
 
     def _vectors(self, values: npt.ArrayLike, kind: npt.DTypeLike = None) -> Any:
         """Return values (..., n) as an array of vectors of n, reals unless told otherwise."""
@@ -153,37 +119,10 @@ class Stepper:
                 kernels.reorder(self.layout.order, *self.particles.swap(name))
         self.drift = 0.0
 
-    def state(self) -> dict[str, npt.NDArray[Any]]:
-        """Return all that the next substep depends on; from here on a stepper with that state has the same bits."""
-        self.drift = np.inf  # both lay the grid anew
-        return self.particles.state() | {"time_step": np.array(self.step.time_step)}
+    def _place_particles(self) -> Particles:
+        return Particles(self.filling, self.problem, self.grid)
 
-    def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Go on from a state."""
-        self.particles.restore(state)
-        self.step = Step(float(state["time_step"]), self.step.gravity)
-        self.drift = np.inf
-
-    def motion(self) -> tuple[Float64Array, npt.NDArray[np.floating]]:
-        """Return positions (n, 3), m, and velocities (n, 3), m/s, in the order of the filling."""
-        cells = self.particles.in_order("positions").astype(np.float64)
-        return cells * self.grid.spacing + np.array(self.grid.origin), self.particles.in_order("velocities")
-
-    def frame(self, time: float) -> ParticleFrame:
-        """Return copies of the state, after bounding the stretch of the rendering frames."""
+    def _bound_stretch(self) -> None:
         from slideframe_mpm_taichi import kernels
 
         kernels.bound_stretch(self.particles["deformation_gradients"], *STRETCH_BOUNDS)
-        positions, velocities = self.motion()
-        return ParticleFrame(
-            time=time,
-            positions=positions.astype(np.float32),
-            velocities=velocities.astype(np.float32),
-            deformation_gradients=self.particles.in_order("deformation_gradients").astype(np.float32),
-            escaped=int(np.count_nonzero(self.particles["held"].to_numpy())),
-            **stress_fields(
-                symmetric(self.particles.in_order("elastic_states")),
-                self.particles.in_order("plastic_strains"),
-                self.problem,
-            ),
-        )

@@ -8,11 +8,6 @@ import numpy.typing as npt
 
 from slideframe.tiles import COLOURS, HEADROOM, LARGEST_INDEX, TILE, require_room, runs, window
 
-# momentum and mass in reals, and the column of each node as an integer
-REALS_PER_NODE, INTEGERS_PER_NODE = 4, 1
-# in addition the impulse of stress where a transfer keeps it apart
-REALS_PER_FORCE = 4
-
 
 class Layout:
     """The nodes under the particles of one simulation; valid until a particle has moved by a cell.

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from slideframe.checkpoint import Checkpoints
 from slideframe.explicit_solver import ExplicitSolver
-from slideframe.problem import Simulation, SimulationProblem
+from slideframe.problem import SimulationProblem
 from slideframe.products import Filling, ParticleFrame
 from slideframe.stages import Context
 from slideframe.time_integration import March
@@ -16,12 +16,10 @@ class WarpSolver(ExplicitSolver):
 
     name = "mpm_warp"
     backend: ClassVar[tuple[str, ...]] = ("warp",)
-
-    def bytes_needed(self, particle_count: int, node_count: int, simulation: Simulation) -> int:
-        """Return the memory that a simulation takes."""
-        from slideframe_mpm_warp.stepper import bytes_needed
-
-        return bytes_needed(particle_count, node_count, simulation)
+    # held, identities, one more while sorting, and sort keys and places with their spare halves
+    integers_per_particle: ClassVar[int] = 1 + 1 + 1 + 2 * 2
+    # the column of each node
+    integers_per_node: ClassVar[int] = 1
 
     def solve(self, filling: Filling, problem: SimulationProblem, context: Context) -> Iterator[ParticleFrame]:
         """Yield the motion; on the CPU the same input gives the same bits."""

@@ -1,44 +1,26 @@
 """The substep that moves the particles over the grid and back."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from slideframe.arrays import Float64Array
 from slideframe.contact import ContactNodes, ground_contact
 from slideframe.guards import STRETCH_BOUNDS
-from slideframe.initial_stress import elastic_state
-from slideframe.problem import LAWS, Grid, Simulation, SimulationProblem
-from slideframe.products import Filling, ParticleFrame
-from slideframe.stress import stress_fields, symmetric
+from slideframe.problem import LAWS, Grid, SimulationProblem
+from slideframe.products import Filling
+from slideframe.sparse_stepper import SparseStepper
 from slideframe.tiles import MOST_DRIFT
 from slideframe.time_integration import Step
 from slideframe_mpm_warp.cores import Cores
-from slideframe_mpm_warp.layout import INTEGERS_PER_NODE, REALS_PER_FORCE, REALS_PER_NODE, Layout
-from slideframe_mpm_warp.particles import (
-    INTEGERS_PER_PARTICLE,
-    REALS_PER_PARTICLE,
-    REALS_PER_PLASTIC_STRAIN,
-    REALS_PER_PULL,
-    Particles,
-)
+from slideframe_mpm_warp.layout import Layout
+from slideframe_mpm_warp.particles import Particles
 from slideframe_mpm_warp.runtime import kernels_in
 
 JACOBI_SWEEPS = 6
 
 
-def bytes_needed(particle_count: int, node_count: int, simulation: Simulation) -> int:
-    """Return the memory that a simulation takes."""
-    apart = not simulation.transfer.constants.is_plain
-    per_particle = REALS_PER_PARTICLE + apart * REALS_PER_PULL + simulation.record_stress * REALS_PER_PLASTIC_STRAIN
-    reals = particle_count * per_particle + node_count * (REALS_PER_NODE + apart * REALS_PER_FORCE)
-    integers = particle_count * INTEGERS_PER_PARTICLE + node_count * INTEGERS_PER_NODE
-    return reals * np.dtype(simulation.precision).itemsize + integers * np.dtype(np.int32).itemsize
-
-
-class Stepper:
+class Stepper(SparseStepper):
     """One simulation on one device; a value of `filling` and `problem` until `substep` is called."""
 
     def __init__(
@@ -52,20 +34,17 @@ class Stepper:
         import warp as wp
 
         self.coloured = device == "cpu" if coloured is None else coloured
-        self.grid, self.device, self.problem = grid, device, problem
+        self.device = device
         self.kernels: Any = kernels_in(
             problem.simulation.precision, device, not self.coloured, not problem.simulation.transfer.constants.is_plain
         )
-        self.step = Step(0.0, problem.simulation.gravity)
-        self.filling, self.contact = filling, ground_contact(filling, problem, grid)
+        super().__init__(filling, problem, grid)
+        self.contact = ground_contact(filling, problem, grid)
         self.ground: tuple[Any, ...] = ()
-        self.particles = Particles(filling, problem, grid, self.kernels, device)
         self.layout = Layout(self.kernels, device, self.particles.count)
         self.cores = Cores(self.particles.count if self.coloured else 1)
         chunks = -(-self.particles.count // self.kernels.CHUNK)
         self.fastest: Any = wp.zeros(chunks, dtype=self.kernels.Real, device=device)
-        # a bound on how far, in cells, a particle has moved since the layout was made; there is none at first
-        self.drift = np.inf
         self._phases: list[list[Any]] = []
 
     def begin(self, step: Step) -> None:
@@ -81,18 +60,6 @@ class Stepper:
         self.cores.run(self._record(self.kernels.retime, even, *arrays, change, soil, JACOBI_SWEEPS))
         if self._phases:
             self._prepare()
-
-    def load(self, hencky: Float64Array) -> None:
-        """Take elastic Hencky strains (n, 3, 3) in the order of the filling as the state."""
-        self.particles.assign("elastic_states", elastic_state(hencky))
-
-    def restart(self) -> None:
-        """Put the particles back where they were at t = 0 and keep their stress."""
-        states = self.particles.in_order("elastic_states")
-        self.particles = Particles(self.filling, self.problem, self.grid, self.kernels, self.device)
-        self.particles.assign("elastic_states", states)
-        self.step = Step(0.0, self.step.gravity)
-        self.drift, self._phases = np.inf, []
 
     def _ground(self, contact: ContactNodes) -> tuple[Any, Any]:
         """Return where solid ground acts, in Warp's memory."""
@@ -184,40 +151,13 @@ class Stepper:
             for first, count in runs
         ]
 
-    def state(self) -> dict[str, npt.NDArray[Any]]:
-        """Return all that the next substep depends on; from here on a stepper with that state has the same bits."""
-        self.drift = np.inf  # both lay the grid anew
-        return self.particles.state() | {"time_step": np.array(self.step.time_step)}
+    def _place_particles(self) -> Particles:
+        return Particles(self.filling, self.problem, self.grid, self.kernels, self.device)
 
-    def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Go on from a state."""
-        self.particles.restore(state)
-        self.step = Step(float(state["time_step"]), self.step.gravity)
-        self.drift = np.inf
-
-    def motion(self) -> tuple[Float64Array, npt.NDArray[np.floating]]:
-        """Return positions (n, 3), m, and velocities (n, 3), m/s, in the order of the filling."""
-        cells = self.particles.in_order("positions").astype(np.float64)
-        return cells * self.grid.spacing + np.array(self.grid.origin), self.particles.in_order("velocities")
-
-    def frame(self, time: float) -> ParticleFrame:
-        """Return copies of the state, after bounding the stretch of the rendering frames."""
+    def _bound_stretch(self) -> None:
         even = _even_runs(self.particles.count, self.cores.count)
         inputs = [self.particles["deformation_gradients"], *STRETCH_BOUNDS, JACOBI_SWEEPS]
         self.cores.run(self._record(self.kernels.bound_stretch, even, *inputs))
-        positions, velocities = self.motion()
-        return ParticleFrame(
-            time=time,
-            positions=positions.astype(np.float32),
-            velocities=velocities.astype(np.float32),
-            deformation_gradients=self.particles.in_order("deformation_gradients").astype(np.float32),
-            escaped=int(np.count_nonzero(self.particles["held"].numpy())),
-            **stress_fields(
-                symmetric(self.particles.in_order("elastic_states")),
-                self.particles.in_order("plastic_strains"),
-                self.problem,
-            ),
-        )
 
 
 def _even_runs(count: int, parts: int, grain: int = 1) -> list[tuple[int, int]]:

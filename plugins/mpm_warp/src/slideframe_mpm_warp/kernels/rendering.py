@@ -14,7 +14,13 @@ def bound_stretch(first: int, deformation_gradients: wp.array(dtype=Matrix), low
     """Hold the principal stretches of the rendering frames between two bounds: F <- F V diag(s' / s) V^T."""
     particle = first + wp.tid()
     gradient = deformation_gradients[particle]
-    squared, vectors = symmetric_eigen(wp.transpose(gradient) * gradient, sweeps)
+    square = wp.transpose(gradient) * gradient
+    excess = square - wp.identity(3, dtype=Real)
+    # no eigenvalue of F^T F is further from 1 than |F^T F - 1|
+    reach = wp.min(Real(1.0) - low * low, high * high - Real(1.0))
+    if wp.ddot(excess, excess) < reach * reach:
+        return
+    squared, vectors = symmetric_eigen(square, sweeps)
     ratio = Vector()
     changed = 0
     for axis in range(3):
