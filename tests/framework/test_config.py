@@ -65,8 +65,26 @@ def test_every_fault_is_told_at_once_with_key_and_rule():
     text = faults(raw)
     assert "simulation.duration: Input should be a valid number" in text
     assert "material.density: Input should be greater than 0 (got -3)" in text
+    assert "material.density takes more than 0: kg/m3, in place; soil has 1400 to 2300" in text
     assert "region.x_min: required but absent" in text
     assert "case.toml" in text
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value", "told"),
+    [
+        ("material", "youngs_modulus", 5e13, "youngs_modulus in Pa (5e7 is usual)"),
+        ("material", "poisson_ratio", 0.4999999, "keep poisson_ratio below 0.49"),
+        ("material", "friction_angle", 90, "friction_angle takes more than 0 and less than 90: degrees"),
+        ("simulation", "gravity", [0, 0, -1e7], "gravity has 1e+07 m/s2, and the Earth's 9.81"),
+    ],
+)
+def test_what_no_soil_and_no_world_has_is_refused_with_what_is_usual(table, key, value, told):
+    raw = content()
+    raw[table][key] = value
+    text = faults(raw)
+    assert told in text
+    assert "(got {" not in text
 
 
 def test_meshes_are_meant_from_the_file_and_survive_the_resolved_config(tmp_path):

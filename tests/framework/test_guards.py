@@ -1,5 +1,7 @@
 """Bad starts and lost simulations are named before or as soon as they harm."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from slideframe.problem import Boundary, Domain
 from slideframe.reference.solver import ReferenceSolver
 from slideframe.testing.evidence import fresh_context
 from slideframe.testing.solver_scenes import block_filling, filling_of, sand_problem
+from slideframe.time_integration import March
 
 
 def test_particles_outside_are_named():
@@ -86,7 +89,7 @@ def test_frames_before_a_failure_are_kept(tmp_path):
         def time_step(self, grid):
             return steady
 
-    hasty = Hasty.model_validate(dict(wild))
+    hasty = Hasty.model_construct(**dict(wild))
     frames = ReferenceSolver().solve(block_filling((1, 0.25, 0.5), (2, 0.75, 1)), hasty, fresh_context(tmp_path))
     assert next(frames).time == 0
     with pytest.raises(StageFailed, match="blew up"):
@@ -94,7 +97,7 @@ def test_frames_before_a_failure_are_kept(tmp_path):
 
 
 def test_cells_that_no_memory_can_hold_are_refused_before_the_surface_is_known():
-    with pytest.raises(ConfigurationError, match="particles: more than"):
+    with pytest.raises(ConfigurationError, match=r"particles, which need at least .* GB: more than"):
         guards.check_spacing((1000.0, 1000.0), sand_problem(spacing=0.005).simulation)
     guards.check_spacing((100.0, 100.0), sand_problem(spacing=0.5).simulation)
 
@@ -113,3 +116,35 @@ def test_the_fastest_of_the_lost_is_named():
     velocities[1, 0], velocities[4, 0] = 1e4, 1e5
     with pytest.raises(StageFailed, match=r"particle 4 .* speed 100000 m/s, 2 of 5 particles"):
         guards.check_motion(np.zeros((5, 3)), velocities, 0.25, grid, 1e-3)
+
+
+def test_a_long_frame_tells_how_far_it_is(tmp_path, monkeypatch):
+    """With the ramp before t = 0 too, so that no long stage is silent."""
+    monkeypatch.setattr(guards, "QUIET_SECONDS", 0.0)
+    told = []
+    context = replace(fresh_context(tmp_path), on_progress=lambda done, total, figures: told.append((done, figures)))
+    problem = sand_problem(duration=0.1, frame_rate=10.0)
+    settled = problem.simulation.model_copy(update={"initial_stress": "ramp"})
+    block = block_filling((1, 0.25, 0.5), (1.5, 0.5, 0.75))
+    list(ReferenceSolver().solve(block, problem.model_copy(update={"simulation": settled}), context))
+    times = [figures["simulated_s"] for _, figures in told]
+    assert times == sorted(times)
+    assert times[0] < 0
+    assert len(times) > 10
+    within = [(done, figures) for done, figures in told if 0 < done < 1]
+    assert within
+    assert all({"substeps_per_second", "time_step_s", "remaining_s", "fastest_m_per_s"} <= set(f) for _, f in within)
+
+
+@pytest.mark.parametrize("gravity", [-9.81, -9e3])
+def test_steps_of_a_runaway_are_bounded_from_below(gravity):
+    """What is faster than a cell per step of a free fall stops the run, so no frame takes steps without end."""
+    problem = sand_problem(gravity=(0.0, 0.0, gravity), time_step="adaptive", frame_rate=25.0)
+    grid = problem.grid(block_filling((1, 0.25, 0.5), (1.5, 0.5, 0.75)))
+    fall_step = problem.time_step(grid)[0]
+    march = March(block_filling((1, 0.25, 0.5), (1.5, 0.5, 0.75)), problem, grid, None)
+    march.speed = grid.spacing / fall_step
+    wave, gained = problem.material.pressure_wave_speed, abs(gravity) / 25
+    shortest = march._longest_step(march._speed_bound())
+    assert shortest >= 0.4 * grid.spacing / (1.05 * wave + march.speed + gained)
+    assert shortest > fall_step / 20

@@ -1,6 +1,5 @@
 """One run's configuration: the problem, the choice of stages, and each plugin's tuning."""
 
-import difflib
 import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
@@ -10,7 +9,7 @@ from typing import Any, Literal, TypeVar, get_args
 import tomli_w
 from pydantic import BaseModel, Field, ValidationError
 
-from slideframe import registry
+from slideframe import faults, registry
 from slideframe.errors import ConfigurationError, PluginConflict, PluginError, PluginNotFound
 from slideframe.outputs import Outputs
 from slideframe.problem import (
@@ -25,7 +24,6 @@ from slideframe.problem import (
     SimulationProblem,
     Site,
     View,
-    kind_of,
     models_of,
 )
 from slideframe.stages import StageKind
@@ -181,56 +179,7 @@ def validate(model: type[Model], content: Mapping[str, Any], where: str) -> Mode
     try:
         return model.model_validate(content)
     except ValidationError as error:
+        found = error.errors()
         raise ConfigurationError(
-            "\n".join(_describe(model, fault) for fault in error.errors()), where=where, cure="see `slideframe schema`"
+            "\n".join(faults.describe(model, fault) for fault in found), where=where, cure=faults.cure(model, found)
         ) from error
-
-
-def _describe(model: type[BaseModel], fault: Mapping[str, Any]) -> str:
-    location = [str(part) for part in fault["loc"]]
-    key = ".".join(_without_members(model, location)) or "the whole"
-    if fault["type"] == "extra_forbidden":
-        known = _keys_at(model, location[:-1])
-        near = difflib.get_close_matches(location[-1], known, n=1)
-        return f"{key}: unknown key" + (f", did you mean '{near[0]}'?" if near else f"; known are {', '.join(known)}")
-    if fault["type"] == "union_tag_invalid":
-        return f"{key}: kind {fault['ctx']['tag']!r} is none of {fault['ctx']['expected_tags']}"
-    if fault["type"] == "union_tag_not_found":
-        return f"{key}: a table with its kind is wanted, as in {key} = {{kind = ...}} (got {fault['input']!r})"
-    if fault["type"] == "missing":
-        return f"{key}: required but absent"
-    return f"{key}: {fault['msg'].removeprefix('Value error, ')} (got {fault['input']!r})"
-
-
-def _without_members(model: type[BaseModel], location: list[str]) -> list[str]:
-    """Leave out the parts of a location that name the member of a union, which no key does."""
-    kept: list[str] = []
-    members = [model]
-    for part in location:
-        chosen = [member for member in members if kind_of(member) == part and part not in member.model_fields]
-        if chosen and kept:
-            members = chosen
-            continue
-        kept.append(part)
-        members = [
-            inner
-            for member in members
-            if part in member.model_fields
-            for inner in models_of(member.model_fields[part].annotation)
-        ]
-    return kept
-
-
-def _keys_at(model: type[BaseModel], location: list[str]) -> list[str]:
-    members = [model]
-    for part in location:
-        if part.isdigit():  # a place in a list
-            continue
-        if part in model.model_fields:
-            members = models_of(model.model_fields[part].annotation)
-        else:  # the member of a union
-            members = [member for member in members if kind_of(member) == part]
-        if not members:
-            return []
-        model = members[0]
-    return sorted(model.model_fields)

@@ -45,7 +45,7 @@ class Crew:
         self.solver.require_features(config.simulation_problem)
         require_sound_files(config.boundary)
         if config.region.plan_size:
-            check_spacing(config.region.plan_size, config.simulation)
+            check_spacing(config.region.plan_size, config.simulation, self.solver.least_memory)
 
 
 def device_for(stage: Stage, device: Device) -> Device:

@@ -55,6 +55,12 @@ class ExplicitSolver(Solver):
         integers = particle_count * self.integers_per_particle + node_count * self.integers_per_node
         return reals * np.dtype(simulation.precision).itemsize + integers * np.dtype(np.int32).itemsize
 
+    def least_memory(self, particle_count: float, simulation: Simulation) -> float:
+        """Return the bytes that so many particles take at least, in cells that are all full."""
+        return self.bytes_needed(
+            round(particle_count), round(particle_count / simulation.particles_per_cell), simulation
+        )
+
     def sound_grid(self, filling: Filling, problem: SimulationProblem) -> Grid:
         """Return the grid of a start that is sound and fits into memory; nothing has been allocated by then.
 

@@ -2,6 +2,7 @@
 
 import os
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,20 +13,26 @@ from slideframe.arrays import Float64Array
 from slideframe.errors import ConfigurationError, InputError, StageFailed
 from slideframe.problem import Grid, Simulation, SimulationProblem
 from slideframe.products import Filling, ParticleFrame
-from slideframe.stages import Context
+from slideframe.stages import LEAST_BYTES_PER_PARTICLE, Context
 from slideframe.stress import stress_fields
 
 # Particles may start this share of a cell outside the walls: the rounding of a float32 coordinate, not a mistake.
 START_TOLERANCE = 0.01
 
-# Position, velocity, deformation and stress of one particle in float32, without any solver's extras.
-LEAST_BYTES_PER_PARTICLE = 100
+LeastMemory = Callable[[float, Simulation], float]
+
+# A solver that hands out no frame for so long tells how far it is within it, s.
+QUIET_SECONDS = 2.0
 
 # The renderer can use stretches between these bounds: beyond them a splat becomes a needle (docs/physics.md).
 STRETCH_BOUNDS = (0.5, 2.0)
 
 
-def check_spacing(plan_size: tuple[float, float], simulation: Simulation) -> None:
+def _least(particle_count: float, simulation: Simulation) -> float:
+    return particle_count * LEAST_BYTES_PER_PARTICLE
+
+
+def check_spacing(plan_size: tuple[float, float], simulation: Simulation, least_memory: LeastMemory = _least) -> None:
     """Refuse a grid with less than two cells across the region's plan, or with more than memory can surely hold.
 
     Raises:
@@ -39,8 +46,22 @@ def check_spacing(plan_size: tuple[float, float], simulation: Simulation) -> Non
             cure=f"use at most {narrowest / 2:g} m; six or more cells across the moving mass give useful results",
         )
     # before the surface is known, at least one layer of cells is certain
-    certain_particles = plan_size[0] * plan_size[1] / spacing**2 * simulation.particles_per_cell
-    _require_room(certain_particles, f"one layer of cells of {spacing:g} m holds {certain_particles:,.0f} particles")
+    particles = plan_size[0] * plan_size[1] / spacing**2 * simulation.particles_per_cell
+    what = f"one layer of cells of {spacing:g} m alone holds {particles:,.0f} particles"
+    _require_room(least_memory(particles, simulation), what)
+
+
+def check_volume(volume: float, simulation: Simulation, least_memory: LeastMemory = _least) -> None:
+    """Refuse to move a volume, m3, that so fine a grid can't hold in memory.
+
+    Raises:
+        ConfigurationError: the particles are too many.
+    """
+    particles = volume / simulation.particle_spacing**3
+    what = (
+        f"the mass of at least {volume:,.0f} m3 is {particles:,.0f} particles in cells of {simulation.grid_spacing:g} m"
+    )
+    _require_room(least_memory(particles, simulation), what)
 
 
 def check_particles(volume: float, spacing: float) -> None:
@@ -50,13 +71,15 @@ def check_particles(volume: float, spacing: float) -> None:
         ConfigurationError: the particles are too many.
     """
     particles = volume / spacing**3
-    _require_room(particles, f"the mass of {volume:,.0f} m3 would be {particles:,.0f} particles {spacing:g} m apart")
+    what = f"the mass of {volume:,.0f} m3 would be {particles:,.0f} particles {spacing:g} m apart"
+    _require_room(particles * LEAST_BYTES_PER_PARTICLE, what)
 
 
-def _require_room(particles: float, what: str) -> None:
-    if particles * LEAST_BYTES_PER_PARTICLE > available_memory():
+def _require_room(needed: float, what: str) -> None:
+    free = available_memory()
+    if needed > free:
         raise ConfigurationError(
-            f"{what}: more than the {available_memory() / 1e9:.1f} GB of free memory can hold",
+            f"{what}, which need at least {needed / 1e9:.1f} GB: more than the {free / 1e9:.1f} GB of free memory",
             where="simulation.grid_spacing",
             cure="raise grid_spacing (doubling it takes an eighth of the memory) or make the region smaller",
         )
@@ -219,14 +242,18 @@ class Pace:
     _frames: int = field(default=0, init=False)
     _seconds: float = field(default=0.0, init=False)
     _started: float = field(default=0.0, init=False)
+    _told: float = field(default=0.0, init=False)
+    _untold: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
+        self._told = time.perf_counter()
         self.context.figure("particles", len(self.masses))
         self.context.figure("mass_kg", float(self.masses.sum()))
         self.context.figure("time_step_s", self.time_step)
 
     def __enter__(self) -> None:
-        self._started = time.perf_counter()
+        self._started = self._told = time.perf_counter()
+        self._untold = 0
 
     def __exit__(self, *failure: object) -> None:
         self._seconds += time.perf_counter() - self._started
@@ -242,6 +269,24 @@ class Pace:
         """
         squared_speed = np.einsum("pi,pi->p", product.velocities, product.velocities, dtype=np.float64)
         return float(0.5 * np.einsum("p,p", self.masses, squared_speed))
+
+    def substep_done(self, elapsed: float, time_step: float, speed: float) -> None:
+        """Report progress within a frame that takes long; `elapsed` is simulated time, negative before t = 0."""
+        self._untold += 1
+        seconds = time.perf_counter() - self._told
+        if seconds < QUIET_SECONDS:
+            return
+        frames, rate = self.simulation.frame_count - 1, self._untold / seconds
+        self.context.progress(
+            max(elapsed, 0.0) * self.simulation.frame_rate,
+            frames,
+            simulated_s=elapsed,
+            substeps_per_second=rate,
+            time_step_s=time_step,
+            remaining_s=(frames / self.simulation.frame_rate - elapsed) / time_step / rate,
+            fastest_m_per_s=speed,
+        )
+        self._told, self._untold = time.perf_counter(), 0
 
     def frame_done(
         self, frame: int, substeps: int, product: ParticleFrame, energy: float, *, last: bool = False

@@ -1,6 +1,7 @@
 """The five lines: photographs to moving pictures."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -9,20 +10,26 @@ from slideframe.config import RunConfig
 from slideframe.contact import require_at_site
 from slideframe.crew import Crew
 from slideframe.errors import ConfigurationError
-from slideframe.problem import Boundary, OrbitView, Region, SimulationProblem, View
+from slideframe.guards import check_volume
+from slideframe.problem import Boundary, OrbitView, Region, Simulation, SimulationProblem, View
 from slideframe.products import Picture, Survey
 from slideframe.quality.surface import require_reference_over_region
-from slideframe.release.coverage import require_base_below
+from slideframe.release.coverage import require_base_below, require_walls_around, volume_under
 from slideframe.release.plan import plan_of, swapped_plan
+from slideframe.stages import Solver
 
 # Shares of the film at which the camera's way is checked.
 LOOKS_ON_THE_WAY = 21
+# Of the volume under sparse points, what the mass surely has.
+SURE_SHARE = 0.5
 
 
 def run(config: RunConfig, crew: Crew, bench: Bench) -> Keyed[Sequence[Picture]]:
     """Carry the survey to moving pictures; every arrow points down."""
     survey = bench.step(crew.pose_source.locate, config.site)
     bench.check(require_region_in_survey, survey, config.region)
+    bench.check(require_mass_within_walls, survey, config.region, config.boundary)
+    bench.check(partial(require_room_for_mass, crew.solver), survey, config.region, config.simulation)
     bench.check(require_view_of_survey, survey, config.view)
     bench.check(require_bodies_at_site, survey, config.boundary)
     if config.reference_ground is not None:
@@ -74,6 +81,25 @@ def require_region_in_survey(survey: Survey, region: Region) -> None:
         + f"the survey covers x {low[0]:.1f} to {high[0]:.1f}, y {low[1]:.1f} to {high[1]:.1f}, "
         f"z {low[2]:.1f} to {high[2]:.1f} m east, north and up of its origin",
     )
+
+
+def require_mass_within_walls(survey: Survey, region: Region, boundary: Boundary) -> None:
+    """Refuse walls that stand in the mass.
+
+    Raises:
+        ConfigurationError: as `require_walls_around`.
+    """
+    require_walls_around(region, plan_of(region, survey.georeference), boundary.domain, survey.sparse_points)
+
+
+def require_room_for_mass(solver: Solver, survey: Survey, region: Region, simulation: Simulation) -> None:
+    """Refuse a grid whose particles memory can't hold, by the volume under the survey's sparse points.
+
+    Raises:
+        ConfigurationError: half of that volume is already too much.
+    """
+    volume = volume_under(region, plan_of(region, survey.georeference), survey.sparse_points, survey.georeference)
+    check_volume(SURE_SHARE * volume, simulation, solver.least_memory)
 
 
 def require_view_of_survey(survey: Survey, view: View) -> None:

@@ -13,11 +13,14 @@ from pydantic import BaseModel, ConfigDict
 from slideframe.arrays import UInt8Array
 from slideframe.device import Device
 from slideframe.errors import ConfigurationError
-from slideframe.problem import FillingProblem, ProblemModel, SimulationProblem, Site, View
+from slideframe.problem import FillingProblem, ProblemModel, Simulation, SimulationProblem, Site, View
 from slideframe.products import Filling, ParticleFrame, Picture, SplatCloud, Survey
 
 StageKind = Literal["pose_source", "reconstructor", "volume_filler", "solver", "renderer"]
 FigureValue = float | int | str | bool | dict[str, float]
+
+# Position, velocity, deformation and stress of one particle in float32, without any solver's extras.
+LEAST_BYTES_PER_PARTICLE = 100
 
 _log = logging.getLogger("slideframe")
 
@@ -194,6 +197,13 @@ class Solver(Stage):
                 where="stages.solver",
                 cure="take another solver, such as mpm_warp, or change [material], [boundary] or [simulation]",
             )
+
+    def least_memory(self, particle_count: float, simulation: Simulation) -> float:
+        """Return the bytes that so many particles take at least; what is surely too much is refused before the start.
+
+        Here position, velocity, deformation and stress of each in float32.
+        """
+        return particle_count * LEAST_BYTES_PER_PARTICLE
 
     @abstractmethod
     def solve(self, filling: Filling, problem: SimulationProblem, context: Context) -> Iterator[ParticleFrame]:

@@ -96,6 +96,7 @@ class March:
     speed: float = field(default=0.0, init=False)
     elapsed: float = field(default=0.0, init=False)
     substeps: int = field(default=0, init=False)
+    pace: Pace = field(init=False)
 
     def frames(self, stepper: Stepper, checkpoints: Checkpoints | None = None) -> Iterator[ParticleFrame]:
         """Yield the frames until the duration has passed or the mass has come to rest.
@@ -104,7 +105,7 @@ class March:
         """
         simulation = self.problem.simulation
         masses = self.problem.material.density * self.filling.particle_volumes.astype(np.float64)
-        pace = Pace(self.context, simulation, masses, self._first_step())
+        self.pace = pace = Pace(self.context, simulation, masses, self._first_step())
         found = checkpoints.latest() if checkpoints else None
         first, peak = 1, 0.0
         if found:
@@ -204,6 +205,7 @@ class March:
                 check_motion(*stepper.motion(), self.elapsed, self.grid, watched)
             if not left:
                 return
+            self.pace.substep_done(self.elapsed, time_step, self.speed)
 
     def _build_up_stress(self, stepper: Stepper) -> None:
         kind = self.problem.simulation.initial_stress

@@ -3,7 +3,7 @@ each solver's `kernels/materials.py`.
 """
 
 import math
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple, Self
 
 from pydantic import Field, Tag, model_validator
 
@@ -12,6 +12,10 @@ from slideframe.problem.base import ProblemModel, kind_or
 # The return mappings that every solver knows; a material names one of them and gives its constants.
 LAWS = ("elastic", "drucker_prager", "mohr_coulomb")
 Law = Literal["elastic", "drucker_prager", "mohr_coulomb"]
+
+# Waves run through granite with 6 km/s and through diamond with 18: what is faster is a slip of the pen, and would take
+# substeps without end.
+FASTEST_WAVE = 20e3  # m/s
 
 # Stands for no tension cut-off, in strain: no soil gets there, and float32 holds it.
 NO_CUTOFF = 1e6
@@ -49,9 +53,19 @@ class LawConstants(NamedTuple):
 class ElasticSoil(ProblemModel):
     """What all materials share: mass, and isotropic elasticity between Hencky strain and Kirchhoff stress."""
 
-    density: float = Field(gt=0, description="kg/m3, in place")
-    youngs_modulus: float = Field(gt=0, description="Pa")
-    poisson_ratio: float = Field(ge=0, lt=0.5, description="0 <= nu < 0.5")
+    density: float = Field(gt=0, description="kg/m3, in place; soil has 1400 to 2300")
+    youngs_modulus: float = Field(gt=0, description="Pa; soil has 1e6 (soft clay) to 2e8 (dense gravel)")
+    poisson_ratio: float = Field(ge=0, lt=0.5, description="soil has 0.2 to 0.4")
+
+    @model_validator(mode="after")
+    def _waves_of_soil(self) -> Self:
+        if self.pressure_wave_speed > FASTEST_WAVE:
+            raise ValueError(
+                f"pressure waves would run through this soil with {self.pressure_wave_speed / 1e3:,.0f} km/s, and "
+                f"through granite with 6: write youngs_modulus in Pa (5e7 is usual) and density in kg/m3 (2000), "
+                "and keep poisson_ratio below 0.49"
+            )
+        return self
 
     @property
     def shear_modulus(self) -> float:
@@ -113,7 +127,7 @@ class Strength(NamedTuple):
 class FrictionalSoil(ElasticSoil):
     """What sand and Drucker-Prager soil share."""
 
-    friction_angle: float = Field(gt=0, lt=90, description="degrees")
+    friction_angle: float = Field(gt=0, lt=90, description="degrees; sand and gravel have 28 to 45")
     friction_match: FrictionMatch = Field(
         default="triaxial_compression",
         description="test in which the cone has the strength of Mohr-Coulomb; the paper uses triaxial compression; "

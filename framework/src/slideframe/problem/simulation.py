@@ -12,11 +12,14 @@ from slideframe.problem.material import Material
 from slideframe.problem.transfer import AffineTransfer, Transfer
 from slideframe.products import Filling, Georeference
 
+# Centrifuges for models of slopes reach some 500 g.
+STRONGEST_GRAVITY = 1e4  # m/s2
+
 
 class Simulation(ProblemModel):
     """Time, space and accuracy of the simulation."""
 
-    duration: float = Field(gt=0, description="s")
+    duration: float = Field(gt=0, description="simulated time, s")
     frame_rate: float = Field(default=25.0, gt=0, description="output frames per simulated second")
     grid_spacing: float = Field(gt=0, description="m")
     particles_per_cell: int = Field(default=8, ge=1, le=64)
@@ -55,6 +58,15 @@ class Simulation(ProblemModel):
     def _earth_pressure_is_used(self) -> "Simulation":
         if self.earth_pressure is not None and self.initial_stress != "k0":
             raise ValueError("earth_pressure is for initial_stress = 'k0' only")
+        return self
+
+    @model_validator(mode="after")
+    def _gravity_of_this_world(self) -> "Simulation":
+        strength = math.hypot(*self.gravity)
+        if not strength <= STRONGEST_GRAVITY:
+            raise ValueError(
+                f"gravity has {strength:g} m/s2, and the Earth's 9.81; at most {STRONGEST_GRAVITY:g} can be simulated"
+            )
         return self
 
     @model_validator(mode="after")
