@@ -1,5 +1,7 @@
 """Splats survive the trip through a PLY file."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -69,10 +71,40 @@ def without_opacity(data: bytes) -> bytes:
     return data.replace(b"opacity", b"opaque")
 
 
-@pytest.mark.parametrize("damage", [cut_short, ascii_format, without_opacity])
+def named_twice(data: bytes) -> bytes:
+    return data.replace(b"property float nx", b"property float x")
+
+
+def without_count(data: bytes) -> bytes:
+    return data.replace(b"element vertex ", b"element vertex -")
+
+
+def without_splats(data: bytes) -> bytes:
+    return re.sub(rb"element vertex \d+", b"element vertex 0", data)
+
+
+@pytest.mark.parametrize(
+    "damage", [cut_short, ascii_format, without_opacity, named_twice, without_count, without_splats]
+)
 def test_other_files_are_refused_by_name(tmp_path, damage):
     path = tmp_path / "splats.ply"
     write_splat_ply(cloud(), path)
     path.write_bytes(damage(path.read_bytes()))
     with pytest.raises(InputError, match=r"splats\.ply"):
+        read_splat_ply(path)
+
+
+def test_splats_that_are_no_numbers_are_left_out_with_a_warning(tmp_path, caplog):
+    """Trainers of other programs export a few."""
+    splats, path = cloud(), tmp_path / "splats.ply"
+    write_splat_ply(splats, path)
+    data = path.read_bytes()
+    body = data.index(b"end_header\n") + len(b"end_header\n")
+    table = np.frombuffer(data[body:], "<f4").reshape(len(splats), -1).copy()
+    table[0, 0], table[2, -4:], table[3, -5] = np.nan, 0, 1000  # a place, a quaternion, the logarithm of a scale
+    path.write_bytes(data[:body] + table.tobytes())
+    np.testing.assert_array_equal(read_splat_ply(path).centers, np.delete(splats.centers, [0, 2, 3], axis=0))
+    assert f"3 of {len(splats)} splats are left out" in caplog.text
+    path.write_bytes(data[:body] + np.full_like(table, np.nan).tobytes())
+    with pytest.raises(InputError, match="none of its"):
         read_splat_ply(path)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from slideframe.errors import InputError, MissingDependency
-from slideframe.formats.splat_ply import OPACITY_MARGIN, read_splat_ply, write_splat_ply
+from slideframe.formats.splat_ply import OPACITY_MARGIN, read_splat_ply, stored_splats, write_splat_ply
 from slideframe.products import SplatCloud
 
 COMPRESSED = (".compressed.ply", ".spz")
@@ -34,12 +34,12 @@ def read_splats(path: Path) -> SplatCloud:
         raise InputError(f"splats can't be read: {error}", where=str(path), cure="export the file again") from error
     base = np.asarray(data.sh0, np.float32)[:, None, :]
     rest = base[:, :0] if data.shN is None else np.asarray(data.shN, np.float32).reshape(len(base), -1, 3)
-    rotations = np.asarray(data.quats, np.float32)
-    return SplatCloud(
+    return stored_splats(
+        path,
         centers=np.asarray(data.means, np.float32),
-        rotations=rotations / np.linalg.norm(rotations, axis=1, keepdims=True),
-        scales=np.exp(np.asarray(data.scales, np.float32)),
-        opacities=1 / (1 + np.exp(-np.asarray(data.opacities, np.float32).reshape(-1))),
+        rotations=np.asarray(data.quats, np.float32),
+        log_scales=np.asarray(data.scales, np.float32),
+        logits=np.asarray(data.opacities, np.float32).reshape(-1),
         harmonics=np.concatenate([base, rest], axis=1),
     )
 

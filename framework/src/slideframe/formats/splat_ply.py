@@ -4,6 +4,7 @@ Scales are stored as logarithms, opacities as logits, harmonics as `f_dc_*` and 
 coefficients of red before those of green; normals are there and zero.
 """
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ import numpy.typing as npt
 from slideframe.arrays import Float32Array
 from slideframe.errors import InputError
 from slideframe.products import SplatCloud
+
+_log = logging.getLogger("slideframe")
 
 # Opacities are kept this far from 0 and 1, where their logit is infinite.
 OPACITY_MARGIN = 1e-6
@@ -52,7 +55,7 @@ def read_splat_ply(path: Path) -> SplatCloud:
     """Read splats in that layout; further columns are passed over.
 
     Raises:
-        InputError: the file is missing, cut short, or not a splat file.
+        InputError: the file is missing, cut short, not a splat file, or has no splats.
     """
     try:
         data = path.read_bytes()
@@ -69,16 +72,51 @@ def read_splat_ply(path: Path) -> SplatCloud:
 
     rest = [f"f_rest_{i}" for i in range(rest_count)]
     harmonics = columns("f_dc_0", "f_dc_1", "f_dc_2")[:, None, :]
-    if rest:
+    if rest and len(table):
         harmonics = np.concatenate([harmonics, columns(*rest).reshape(len(table), 3, -1).transpose(0, 2, 1)], axis=1)
-    rotations = columns("rot_0", "rot_1", "rot_2", "rot_3")
-    return SplatCloud(
+    return stored_splats(
+        path,
         centers=columns("x", "y", "z"),
-        rotations=rotations / np.linalg.norm(rotations, axis=1, keepdims=True),
-        scales=np.exp(columns("scale_0", "scale_1", "scale_2")),
-        opacities=1 / (1 + np.exp(-table["opacity"].astype(np.float32))),
+        rotations=columns("rot_0", "rot_1", "rot_2", "rot_3"),
+        log_scales=columns("scale_0", "scale_1", "scale_2"),
+        logits=columns("opacity")[:, 0],
         harmonics=harmonics,
     )
+
+
+def stored_splats(
+    path: Path,
+    *,
+    centers: Float32Array,
+    rotations: Float32Array,
+    log_scales: Float32Array,
+    logits: Float32Array,
+    harmonics: Float32Array,
+) -> SplatCloud:
+    """Turn what files keep into splats: logarithms of scales, logits of opacities, quaternions of any length.
+
+    Trained splats may hold a few that are no numbers, which viewers pass over: they are left out with a warning.
+
+    Raises:
+        InputError: there are no others.
+    """
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        fields = {
+            "centers": centers,
+            "rotations": rotations / np.linalg.norm(rotations, axis=1, keepdims=True),
+            "scales": np.exp(log_scales),
+            "opacities": 1 / (1 + np.exp(-logits)),
+            "harmonics": harmonics,
+        }
+    sound = (fields["scales"] > 0).all(axis=1)
+    for field in fields.values():
+        sound &= np.isfinite(field).all(axis=tuple(range(1, field.ndim)))
+    if not sound.any():
+        raise _not_splats(path, f"none of its {len(sound)} splats has a place, a size and a colour")
+    if not sound.all():
+        _log.warning("%s: %d of %d splats are left out: they hold what is no number", path, (~sound).sum(), len(sound))
+        fields = {name: field[sound] for name, field in fields.items()}
+    return SplatCloud(**fields)
 
 
 def _column_names(rest_count: int) -> list[str]:
@@ -97,15 +135,19 @@ def _parse(path: Path, data: bytes) -> tuple[list[str], npt.NDArray[np.void]]:
     lines = data[:end].decode("ascii", "replace").splitlines() if end >= 0 else []
     if not lines or lines[0] != "ply" or "format binary_little_endian 1.0" not in lines:
         raise _not_splats(path, "it is no binary little-endian PLY file")
-    words = [line.split() for line in lines]
+    words = [line.split() for line in lines if line.strip()]
     elements = [word for word in words if word[0] == "element"]
-    if not elements or elements[0][1] != "vertex":
+    if not elements or elements[0][1:2] != ["vertex"]:
         raise _not_splats(path, "its first element is not 'vertex'")
     first = words.index(elements[0])
     stop = words.index(elements[1]) if len(elements) > 1 else len(words)
     properties = [word for word in words[first + 1 : stop] if word[0] == "property"]
     if any(len(word) != 3 or word[1] not in _KINDS for word in properties):
         raise _not_splats(path, "its vertices have properties of another kind than numbers")
+    if len({word[2] for word in properties}) < len(properties):
+        raise _not_splats(path, "two properties of its vertices have one name")
+    if len(elements[0]) != 3 or not elements[0][2].isdecimal():
+        raise _not_splats(path, "it doesn't say how many splats it has")
     layout = np.dtype([(word[2], _KINDS[word[1]]) for word in properties])
     count, body = int(elements[0][2]), memoryview(data)[end + len(b"end_header\n") :]
     if len(body) < count * layout.itemsize:
