@@ -106,9 +106,9 @@ def gradients(splats, backend: str, dtype: torch.dtype, **options) -> tuple[Rast
     return raster, [leaf.grad for leaf in (*leaves, pose, background)]
 
 
-def assert_alike(splats, **options) -> None:
+def assert_alike(splats, backend: str = "numba", **options) -> None:
     exact, exact_gradients = gradients(splats, "torch", torch.float64, **options)
-    fast, fast_gradients = gradients(splats, "numba", torch.float32, **options)
+    fast, fast_gradients = gradients(splats, backend, torch.float32, **options)
     for plane in ("colour", "alpha", "depth", "median_depth", "normals"):
         expected, got = getattr(exact, plane), getattr(fast, plane)
         if expected is not None:
@@ -239,6 +239,23 @@ def test_tensors_that_do_not_fit_are_refused():
         rasterize(*splats[:4], torch.zeros(3, 5, 3), camera=CAMERA, world_from_camera=POSE)
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"background": (0.5,)}, r"'background' has shape \(1,\)"),
+        ({"world_from_camera": np.eye(4)}, r"'world_from_camera' has shape \(4, 4\)"),
+        ({"world_from_camera": 2 * POSE}, "doesn't begin with a rotation"),
+        ({"world_from_camera": np.nan * POSE}, "doesn't begin with a rotation"),
+        ({"frame_rotations": np.zeros((2, 3, 3), np.float32)}, r"'frame_rotations' has shape \(2, 3, 3\)"),
+        ({"screen_gradients": torch.zeros(2, 2)}, r"'screen_gradients' has shape \(2, 2\)"),
+        ({"backend": "vulkan"}, "no backend 'vulkan'"),
+    ],
+)
+def test_a_view_that_does_not_fit_is_refused(options, message):
+    with pytest.raises(InputError, match=message):
+        rasterize(*scene(3), **({"camera": CAMERA, "world_from_camera": POSE} | options))
+
+
 def test_a_pixel_sees_the_splat_at_its_centre():
     """Pixel (0.5, 0.5) is the centre of the upper-left pixel."""
     x, y = ((7.5 - CAMERA.principal_x) / CAMERA.focal_x * 5, (3.5 - CAMERA.principal_y) / CAMERA.focal_y * 5)
@@ -248,13 +265,14 @@ def test_a_pixel_sees_the_splat_at_its_centre():
     assert raster.alpha[3, 7] == pytest.approx(0.8, abs=1e-4)
 
 
+@pytest.mark.parametrize("backend", ["numba", "warp"])
 @pytest.mark.parametrize(
     ("count", "opacity"), [(100_000, (0.01, 0.9)), (10_000, (0.02, 0.02))], ids=["100000", "faint"]
 )
-def test_splats_on_one_pixel_agree_with_reference(count, opacity):
-    assert_alike(
-        pile(count, opacity), camera=Camera(width=5, height=4, focal_x=4, focal_y=4, principal_x=2.5, principal_y=2)
-    )
+def test_splats_on_one_pixel_agree_with_reference(count, opacity, backend):
+    pytest.importorskip(backend)
+    tiny = Camera(width=5, height=4, focal_x=4, focal_y=4, principal_x=2.5, principal_y=2)
+    assert_alike(pile(count, opacity), backend, camera=tiny)
 
 
 def test_any_number_of_threads_gives_the_same_bits(monkeypatch):

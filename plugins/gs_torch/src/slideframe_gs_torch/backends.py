@@ -32,9 +32,11 @@ def draw_with(backend: Backend, device: torch.device) -> Draw:
     """Return the backend's drawing function, whose arguments are those of `composite_exactly`.
 
     Raises:
-        InputError: the backend can't work with tensors on this device.
+        InputError: there is no such backend, or it can't work with tensors on this device.
         MissingDependency: what it needs is not installed.
     """
+    if backend not in DEVICES:
+        raise InputError(f"there is no backend '{backend}'", cure=f"name one of {', '.join(DEVICES)}, or none")
     if device.type not in DEVICES[backend]:
         raise InputError(
             f"the backend '{backend}' can't draw tensors on '{device.type}'",

@@ -108,6 +108,67 @@ def dimming_gradient(d_log, p):
     return by_sharp * yy + spread, -by_sharp * xy, by_sharp * xx + spread
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def spread_gradient(xx, xy, yy, p):
+    """Return dL/dP = 2 dL/dSigma P (2, 3), row by row, of Sigma = P P^T."""
+    xx, xy, yy = 2 * xx, 2 * xy, 2 * yy
+    return (
+        xx * p[0] + xy * p[3], xx * p[1] + xy * p[4], xx * p[2] + xy * p[5],
+        xy * p[0] + yy * p[3], xy * p[1] + yy * p[4], xy * p[2] + yy * p[5],
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def axes_gradient(rows, g):
+    """Return dL/d(R S) = (J W)^T g (3, 3), row by row, from g = dL/dP."""
+    return (
+        rows[0] * g[0] + rows[3] * g[3], rows[0] * g[1] + rows[3] * g[4], rows[0] * g[2] + rows[3] * g[5],
+        rows[1] * g[0] + rows[4] * g[3], rows[1] * g[1] + rows[4] * g[4], rows[1] * g[2] + rows[4] * g[5],
+        rows[2] * g[0] + rows[5] * g[3], rows[2] * g[1] + rows[5] * g[4], rows[2] * g[2] + rows[5] * g[5],
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def rows_gradient(g, R, scale):
+    """Return dL/d(J W) = g (R S)^T (2, 3), row by row, from g = dL/dP."""
+    a0, a1, a2 = R[0] * scale[0], R[1] * scale[1], R[2] * scale[2]
+    b0, b1, b2 = R[3] * scale[0], R[4] * scale[1], R[5] * scale[2]
+    c0, c1, c2 = R[6] * scale[0], R[7] * scale[1], R[8] * scale[2]
+    return (
+        g[0] * a0 + g[1] * a1 + g[2] * a2, g[0] * b0 + g[1] * b1 + g[2] * b2, g[0] * c0 + g[1] * c1 + g[2] * c2,
+        g[3] * a0 + g[4] * a1 + g[5] * a2, g[3] * b0 + g[4] * b1 + g[5] * b2, g[3] * c0 + g[4] * c1 + g[5] * c2,
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def turn_gradient(x, y, z, lens, h):
+    """Return dL/dW = J^T h (3, 3), row by row, from h = dL/d(J W)."""
+    pace_x, pace_y = lens[0] / z, lens[1] / z
+    slope_x, slope_y = min(max(x / z, lens[6]), lens[7]), min(max(y / z, lens[8]), lens[9])
+    return (
+        pace_x * h[0], pace_x * h[1], pace_x * h[2], pace_y * h[3], pace_y * h[4], pace_y * h[5],
+        -pace_x * slope_x * h[0] - pace_y * slope_y * h[3],
+        -pace_x * slope_x * h[1] - pace_y * slope_y * h[4],
+        -pace_x * slope_x * h[2] - pace_y * slope_y * h[5],
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def point_gradient(x, y, z, pose, lens, h, d_u, d_v):
+    """Return dL/d(camera-axes point) from h = dL/d(J W) and the pull (d_u, d_v) on the mean, in focal lengths.
+
+    Of dL/dJ = h W^T four entries depend on the point; the slopes do where they lie in the widened frustum.
+    """
+    d_j00, d_j02 = h[0] * pose[0] + h[1] * pose[1] + h[2] * pose[2], h[0] * pose[8] + h[1] * pose[9] + h[2] * pose[10]
+    d_j11, d_j12 = h[3] * pose[4] + h[4] * pose[5] + h[5] * pose[6], h[3] * pose[8] + h[4] * pose[9] + h[5] * pose[10]
+    slope_x, slope_y = min(max(x / z, lens[6]), lens[7]), min(max(y / z, lens[8]), lens[9])
+    free_x, free_y = (1.0 if slope_x == x / z else 0.0), (1.0 if slope_y == y / z else 0.0)
+    pace_x, pace_y = lens[0] / z, lens[1] / z
+    d_z = pace_x / z * (-d_u * x - d_j00 + d_j02 * slope_x * (1 + free_x))
+    d_z += pace_y / z * (-d_v * y - d_j11 + d_j12 * slope_y * (1 + free_y))
+    return pace_x * (d_u - free_x * d_j02 / z), pace_y * (d_v - free_y * d_j12 / z), d_z
+
+
 @njit(cache=True, error_model="numpy", fastmath=CONTRACT)
 def unproject_block(scratch, count, pose, lens, antialiased):
     """Fill a block's gradient columns."""
@@ -118,65 +179,29 @@ def unproject_block(scratch, count, pose, lens, antialiased):
         qw, qx, qy, qz = scratch[i + QW], scratch[i + QX], scratch[i + QY], scratch[i + QZ]
         shrink = 1 / math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
         qw, qx, qy, qz = qw * shrink, qx * shrink, qy * shrink, qz * shrink
-        R = rotation_matrix(qw, qx, qy, qz)
+        R, scale = rotation_matrix(qw, qx, qy, qz), (scratch[i + SX], scratch[i + SY], scratch[i + SZ])
         rows = projection_rows(x, y, z, pose, lens)
-        scale = (scratch[i + SX], scratch[i + SY], scratch[i + SZ])
         p = projected_axes(rows, R, scale[0], scale[1], scale[2])
         u, v, w = scratch[i + U], scratch[i + V], scratch[i + W]
         xx, xy, yy = covariance_gradient(u, v, w, scratch[i + D_TT], scratch[i + D_TS], scratch[i + D_SS])
         dim_xx, dim_xy, dim_yy = dimming_gradient(dimmed * scratch[i + D_POWER], p)
-        xx, xy, yy = 2 * (xx + dim_xx), 2 * (xy + dim_xy), 2 * (yy + dim_yy)
-        # dL/dP = 2 dL/dSigma P, and P = J W M, M = R S
-        g = (
-            xx * p[0] + xy * p[3], xx * p[1] + xy * p[4], xx * p[2] + xy * p[5],
-            xy * p[0] + yy * p[3], xy * p[1] + yy * p[4], xy * p[2] + yy * p[5],
-        )  # fmt: skip
-        d_axes = (
-            rows[0] * g[0] + rows[3] * g[3], rows[0] * g[1] + rows[3] * g[4], rows[0] * g[2] + rows[3] * g[5],
-            rows[1] * g[0] + rows[4] * g[3], rows[1] * g[1] + rows[4] * g[4], rows[1] * g[2] + rows[4] * g[5],
-            rows[2] * g[0] + rows[5] * g[3], rows[2] * g[1] + rows[5] * g[4], rows[2] * g[2] + rows[5] * g[5],
-        )  # fmt: skip
-        scratch[i + D_SCALE[0]] = d_axes[0] * R[0] + d_axes[3] * R[3] + d_axes[6] * R[6]
-        scratch[i + D_SCALE[1]] = d_axes[1] * R[1] + d_axes[4] * R[4] + d_axes[7] * R[7]
-        scratch[i + D_SCALE[2]] = d_axes[2] * R[2] + d_axes[5] * R[5] + d_axes[8] * R[8]
-        d_rotation = (
-            d_axes[0] * scale[0], d_axes[1] * scale[1], d_axes[2] * scale[2],
-            d_axes[3] * scale[0], d_axes[4] * scale[1], d_axes[5] * scale[2],
-            d_axes[6] * scale[0], d_axes[7] * scale[1], d_axes[8] * scale[2],
-        )  # fmt: skip
-        d_qw, d_qx, d_qy, d_qz = quaternion_gradient(qw, qx, qy, qz, d_rotation)
-        scratch[i + D_ROTATION[0]], scratch[i + D_ROTATION[1]] = d_qw * shrink, d_qx * shrink
-        scratch[i + D_ROTATION[2]], scratch[i + D_ROTATION[3]] = d_qy * shrink, d_qz * shrink
-        # dL/d(J W) = dL/dP M^T
-        a0, a1, a2 = R[0] * scale[0], R[1] * scale[1], R[2] * scale[2]
-        b0, b1, b2 = R[3] * scale[0], R[4] * scale[1], R[5] * scale[2]
-        c0, c1, c2 = R[6] * scale[0], R[7] * scale[1], R[8] * scale[2]
-        h0, h1, h2 = (
-            g[0] * a0 + g[1] * a1 + g[2] * a2, g[0] * b0 + g[1] * b1 + g[2] * b2, g[0] * c0 + g[1] * c1 + g[2] * c2
-        )  # fmt: skip
-        k0, k1, k2 = (
-            g[3] * a0 + g[4] * a1 + g[5] * a2, g[3] * b0 + g[4] * b1 + g[5] * b2, g[3] * c0 + g[4] * c1 + g[5] * c2
-        )  # fmt: skip
-        # dL/dJ = dL/d(J W) W^T, of which four entries depend on the point
-        d_j00, d_j02 = h0 * pose[0] + h1 * pose[1] + h2 * pose[2], h0 * pose[8] + h1 * pose[9] + h2 * pose[10]
-        d_j11, d_j12 = k0 * pose[4] + k1 * pose[5] + k2 * pose[6], k0 * pose[8] + k1 * pose[9] + k2 * pose[10]
-        slope_x, slope_y = min(max(x / z, lens[6]), lens[7]), min(max(y / z, lens[8]), lens[9])
-        free_x, free_y = (1.0 if slope_x == x / z else 0.0), (1.0 if slope_y == y / z else 0.0)
-        pace_x, pace_y = lens[0] / z, lens[1] / z
-        # dL/dW = J^T dL/d(J W)
-        scratch[i + D_TURN[0]], scratch[i + D_TURN[1]], scratch[i + D_TURN[2]] = pace_x * h0, pace_x * h1, pace_x * h2
-        scratch[i + D_TURN[3]], scratch[i + D_TURN[4]], scratch[i + D_TURN[5]] = pace_y * k0, pace_y * k1, pace_y * k2
-        scratch[i + D_TURN[6]] = -pace_x * slope_x * h0 - pace_y * slope_y * k0
-        scratch[i + D_TURN[7]] = -pace_x * slope_x * h1 - pace_y * slope_y * k1
-        scratch[i + D_TURN[8]] = -pace_x * slope_x * h2 - pace_y * slope_y * k2
-        d_u, d_v = u * scratch[i + D_T], v * scratch[i + D_T] + w * scratch[i + D_S]
-        d_x, d_y = pace_x * (d_u - free_x * d_j02 / z), pace_y * (d_v - free_y * d_j12 / z)
-        d_z = pace_x / z * (-d_u * x - d_j00 + d_j02 * slope_x * (1 + free_x))
-        d_z += pace_y / z * (-d_v * y - d_j11 + d_j12 * slope_y * (1 + free_y))
-        scratch[i + D_POINT[0]], scratch[i + D_POINT[1]], scratch[i + D_POINT[2]] = d_x, d_y, d_z
-        scratch[i + D_CENTER[0]] = pose[0] * d_x + pose[4] * d_y + pose[8] * d_z
-        scratch[i + D_CENTER[1]] = pose[1] * d_x + pose[5] * d_y + pose[9] * d_z
-        scratch[i + D_CENTER[2]] = pose[2] * d_x + pose[6] * d_y + pose[10] * d_z
+        g = spread_gradient(xx + dim_xx, xy + dim_xy, yy + dim_yy, p)
+        m = axes_gradient(rows, g)
+        for k in range(3):
+            scratch[i + D_SCALE[k]] = m[k] * R[k] + m[k + 3] * R[k + 3] + m[k + 6] * R[k + 6]
+        sx, sy, sz = scale
+        d_rotation = m[0] * sx, m[1] * sy, m[2] * sz, m[3] * sx, m[4] * sy, m[5] * sz, m[6] * sx, m[7] * sy, m[8] * sz
+        d_q = quaternion_gradient(qw, qx, qy, qz, d_rotation)
+        for k in range(4):
+            scratch[i + D_ROTATION[k]] = d_q[k] * shrink
+        h = rows_gradient(g, R, scale)
+        d_turn = turn_gradient(x, y, z, lens, h)
+        for k in range(9):
+            scratch[i + D_TURN[k]] = d_turn[k]
+        d = point_gradient(x, y, z, pose, lens, h, u * scratch[i + D_T], v * scratch[i + D_T] + w * scratch[i + D_S])
+        for k in range(3):
+            scratch[i + D_POINT[k]] = d[k]
+            scratch[i + D_CENTER[k]] = pose[k] * d[0] + pose[4 + k] * d[1] + pose[8 + k] * d[2]
 
 
 @njit(cache=True, error_model="numpy")

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import torch
 from torch import Tensor
@@ -10,12 +11,14 @@ from slideframe.arrays import Float32Array, Float64Array
 from slideframe.errors import InputError
 from slideframe.products import Camera
 from slideframe_gs_torch.backends import Backend, choose_backend, draw_with
-from slideframe_gs_torch.reference import camera_from, rotation_matrices
+from slideframe_gs_torch.reference import PlaneDrawing, camera_from, rotation_matrices
 
 __all__ = ["Raster", "rasterize"]
 
 # Below this alpha a pixel is taken to see nothing, and means over the splats seen are 0.
 LEAST_ALPHA = 1e-6
+# By how much the entries of R R^T may be off: files round, and refinements drift.
+POSE_TOLERANCE = 1e-2
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,19 @@ class Raster:
     depth: Tensor | None = None
     median_depth: Tensor | None = None
     normals: Tensor | None = None
+
+    @classmethod
+    def of(cls, drawing: PlaneDrawing, depths: Tensor | None, normals: bool) -> Self:
+        """Turn what was drawn, weighted sums, into means; of depths (splat,) as well where they are given."""
+        alpha = 1 - drawing.transmittance
+        seen = alpha.clamp_min(LEAST_ALPHA)
+        return cls(
+            drawing.image.permute(1, 2, 0),
+            alpha,
+            None if depths is None else drawing.planes[0, 0] / seen,
+            None if depths is None else _median_depth(depths, drawing.median),
+            (drawing.planes[-1] / seen).permute(1, 2, 0) if normals else None,
+        )
 
 
 def rasterize(
@@ -86,71 +102,83 @@ def rasterize(
             (`gsplat`, `warp`) of |dL/d(projected centre)|, per px; not by `torch`.
 
     Raises:
-        InputError: the camera has lens distortion, the tensors don't fit together, or the backend not their device.
+        InputError: the camera has lens distortion, the pose no rotation, the tensors don't fit together, or the backend
+            not their device.
         MissingDependency: the backend's package is not installed.
     """
-    _require_fit(centers, rotations, scales, opacities, colours, camera)
+    _require_splats(centers, rotations, scales, opacities, colours)
+    if frame_rotations is not None:
+        _require_shape("frame_rotations", frame_rotations, [(len(centers), 3, 3)], "give one for each splat")
+    if screen_gradients is not None:
+        _require_shape("screen_gradients", screen_gradients, [(len(centers), 2)], "give room for each splat")
     if not isinstance(world_from_camera, Tensor):
-        world_from_camera = torch.tensor(world_from_camera, dtype=torch.float64)
-    pose = camera_from(world_from_camera.double()).to(centers.device)
+        world_from_camera = torch.tensor(world_from_camera)  # a copy: surveys' arrays are read-only
+    world_from_camera = world_from_camera.double()
     behind = torch.as_tensor(background, dtype=centers.dtype, device=centers.device)
-    shown = _depths(centers, pose) if depth else []
-    shown += _normals(centers, rotations, scales, pose) if normals else []
+    _require_view(camera, world_from_camera, behind)
+    pose = camera_from(world_from_camera).to(centers.device)
+    shown = [_depths(centers, pose)] if depth else []
+    shown += [_normals(centers, rotations, scales, pose)] if normals else []
     features = torch.stack(shown) if shown else centers.new_empty(0, len(centers), 3)
     draw = draw_with(backend or choose_backend(centers.device), centers.device)
     drawing = draw(
         centers, rotations, scales, opacities, colours, features, behind, pose, camera, antialiased, frame_rotations,
         screen_gradients,
     )  # fmt: skip
-    alpha = 1 - drawing.transmittance
-    seen = alpha.clamp_min(LEAST_ALPHA)
-    return Raster(
-        drawing.image.permute(1, 2, 0),
-        alpha,
-        drawing.planes[0, 0] / seen if depth else None,
-        _median_depth(features[0, :, 0], drawing.median) if depth else None,
-        (drawing.planes[-1] / seen).permute(1, 2, 0) if normals else None,
+    return Raster.of(drawing, features[0, :, 0] if depth else None, normals)
+
+
+def _require_splats(centers: Tensor, rotations: Tensor, scales: Tensor, opacities: Tensor, colours: Tensor) -> None:
+    count = len(centers)
+    one_order = "give all splats in one order"
+    _require_shape("centers", centers, [(count, 3)], one_order)
+    _require_shape("rotations", rotations, [(count, 4)], one_order)
+    _require_shape("scales", scales, [(count, 3)], one_order)
+    _require_shape("opacities", opacities, [(count,)], one_order)
+    _require_shape(
+        "colours",
+        colours,
+        [(count, 3), *((count, terms, 3) for terms in (1, 4, 9, 16))],
+        "give (splat, 3), or harmonics of degree 0 to 3: (splat, 1, 4, 9 or 16, 3)",
     )
 
 
-def _require_fit(
-    centers: Tensor, rotations: Tensor, scales: Tensor, opacities: Tensor, colours: Tensor, camera: Camera
-) -> None:
+def _require_view(camera: Camera, world_from_camera: Tensor, background: Tensor) -> None:
     if any(camera.distortion):
         raise InputError(
             "a camera with lens distortion can't be rasterised",
             where=f"distortion {camera.distortion}",
             cure="undistort the photograph and its camera with slideframe.photographs.load_photograph",
         )
-    count = len(centers)
-    shapes = {"centers": (count, 3), "rotations": (count, 4), "scales": (count, 3), "opacities": (count,)}
-    given = {"centers": centers, "rotations": rotations, "scales": scales, "opacities": opacities}
-    for name, shape in shapes.items():
-        if tuple(given[name].shape) != shape:
-            raise InputError(
-                f"'{name}' has shape {tuple(given[name].shape)}, not {shape}", cure="give all splats in one order"
-            )
-    allowed = {(count, 3), *((count, terms, 3) for terms in (1, 4, 9, 16))}
-    if tuple(colours.shape) not in allowed:
+    _require_shape("background", background, [(3,)], "give red, green and blue")
+    _require_shape("world_from_camera", world_from_camera, [(3, 4)], "give the first three rows of the pose")
+    turn = world_from_camera[:, :3].detach()
+    if not torch.allclose(turn @ turn.T, torch.eye(3, dtype=turn.dtype, device=turn.device), atol=POSE_TOLERANCE):
         raise InputError(
-            f"'colours' has shape {tuple(colours.shape)}",
-            cure="give (splat, 3), or harmonics of degree 0 to 3: (splat, 1, 4, 9 or 16, 3)",
+            "'world_from_camera' doesn't begin with a rotation",
+            where=str(turn.tolist()),
+            cure="give a rotation matrix without a scale, and make it one again after each step of a refinement",
         )
 
 
-def _depths(centers: Tensor, pose: Tensor) -> list[Tensor]:
-    """Return what each splat shows in the first group of channels: its depth, and nothing."""
+def _require_shape(name: str, array: Tensor | Float32Array, allowed: list[tuple[int, ...]], cure: str) -> None:
+    if tuple(array.shape) not in allowed:
+        raise InputError(f"'{name}' has shape {tuple(array.shape)}, not {' or '.join(map(str, allowed))}", cure=cure)
+
+
+def _depths(centers: Tensor, pose: Tensor) -> Tensor:
+    """Return what each splat shows in the first group of channels (splat, 3): its depth, and nothing."""
     along = centers.to(pose.dtype) @ pose[2, :3] + pose[2, 3]
-    return [torch.nn.functional.pad(along[:, None], (0, 2)).to(centers.dtype)]
+    return torch.nn.functional.pad(along[:, None], (0, 2)).to(centers.dtype)
 
 
-def _normals(centers: Tensor, rotations: Tensor, scales: Tensor, pose: Tensor) -> list[Tensor]:
+def _normals(centers: Tensor, rotations: Tensor, scales: Tensor, pose: Tensor) -> Tensor:
     """Return each splat's shortest axis, turned to the camera."""
     rows = torch.arange(len(centers))
     axes = rotation_matrices(rotations)[rows, :, scales.detach().argmin(dim=1)] if len(centers) else centers
     towards = (-pose[:, :3].T @ pose[:, 3]).to(centers.dtype).detach() - centers.detach()
     facing = (axes.detach() * towards).sum(dim=1, keepdim=True) >= 0
-    return [torch.where(facing, axes, -axes)]
+    return torch.where(facing, axes, -axes)
 
 
 def _median_depth(depths: Tensor, median: Tensor) -> Tensor:

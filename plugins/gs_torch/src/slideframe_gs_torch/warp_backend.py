@@ -174,24 +174,24 @@ class _Composite(torch.autograd.Function):
         size = lists.height, lists.width
         image = paint.new_zeros(*size, 3)
         transmittance = paint.new_ones(size)
-        median = torch.full(size, -1, dtype=torch.int32, device=paint.device)
+        ends, median = (torch.full(size, -1, dtype=torch.int32, device=paint.device) for _ in range(2))
         _launch(
             kernels.composite, size, *_inputs(means, roots, opacities, paint, lists),
-            _vectors(image, wp.vec3), _numbers(transmittance), _numbers(median),
+            _vectors(image, wp.vec3), _numbers(transmittance), _numbers(ends), _numbers(median),
         )  # fmt: skip
-        ctx.save_for_backward(means, roots, opacities, paint, image, transmittance)
+        ctx.save_for_backward(means, roots, opacities, paint, transmittance, ends)
         ctx.lists, ctx.screen_gradients = lists, screen_gradients
         ctx.mark_non_differentiable(median)
         return image.permute(2, 0, 1), transmittance, median
 
     @staticmethod
     def backward(ctx: Any, *outer: Any) -> tuple[Any, ...]:
-        means, roots, opacities, paint, image, transmittance = ctx.saved_tensors
+        means, roots, opacities, paint, transmittance, ends = ctx.saved_tensors
         found = [torch.zeros_like(tensor) for tensor in (means, roots, opacities, paint, means)]
         kinds = wp.vec2, wp.vec3, None, wp.vec3, wp.vec2
         _launch(
             kernels.composite_backward, tuple(transmittance.shape), *_inputs(means, roots, opacities, paint, ctx.lists),
-            _vectors(image, wp.vec3), _numbers(transmittance),
+            _numbers(transmittance), _numbers(ends),
             _vectors(outer[0].permute(1, 2, 0), wp.vec3), _numbers(outer[1]),
             *(_vectors(tensor, kind) if kind else _numbers(tensor) for tensor, kind in zip(found, kinds, strict=True)),
         )  # fmt: skip

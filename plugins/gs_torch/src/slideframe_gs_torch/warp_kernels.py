@@ -96,14 +96,18 @@ def alpha_of(opacity: float, f: wp.vec4):
 def composite(
     columns: int, means: wp.array(dtype=wp.vec2), roots: wp.array(dtype=wp.vec3), opacities: wp.array(dtype=float),
     paint: wp.array(dtype=wp.vec3), ranges: wp.array(dtype=wp.vec2i), splats: wp.array(dtype=wp.int32),
-    image: wp.array2d(dtype=wp.vec3), transmittance: wp.array2d(dtype=float), median: wp.array2d(dtype=wp.int32),
+    image: wp.array2d(dtype=wp.vec3), transmittance: wp.array2d(dtype=float), ends: wp.array2d(dtype=wp.int32),
+    median: wp.array2d(dtype=wp.int32),
 ):  # fmt: skip
-    """Write what is seen without background, the light left, and the splat that takes half of it, or -1."""
+    """Write what is seen without background, the light left, and the splat that takes half of it, or -1.
+
+    `ends` receives one past the last entry that each pixel takes.
+    """
     y, x = wp.tid()
     span = ranges[(y // TILE) * columns + x // TILE]
     light = wp.float32(1.0)
     seen = wp.vec3(0.0, 0.0, 0.0)
-    middle = wp.int32(-1)
+    middle, end = wp.int32(-1), span[0]
     for k in range(span[0], span[1]):
         s = splats[k]
         alpha = alpha_of(opacities[s], falloff(means[s], roots[s], float(x) + 0.5, float(y) + 0.5))
@@ -112,11 +116,12 @@ def composite(
             left = light - light * alpha
             if light > MEDIAN_TRANSMITTANCE and left <= MEDIAN_TRANSMITTANCE:
                 middle = s
-            light = left
+            light, end = left, k + 1
             if light < OPAQUE_TRANSMITTANCE:
                 break
     image[y, x] = seen
     transmittance[y, x] = light
+    ends[y, x] = end
     median[y, x] = middle
 
 
@@ -124,7 +129,7 @@ def composite(
 def composite_backward(
     columns: int, means: wp.array(dtype=wp.vec2), roots: wp.array(dtype=wp.vec3), opacities: wp.array(dtype=float),
     paint: wp.array(dtype=wp.vec3), ranges: wp.array(dtype=wp.vec2i), splats: wp.array(dtype=wp.int32),
-    image: wp.array2d(dtype=wp.vec3), transmittance: wp.array2d(dtype=float),
+    transmittance: wp.array2d(dtype=float), ends: wp.array2d(dtype=wp.int32),
     d_image: wp.array2d(dtype=wp.vec3), d_transmittance: wp.array2d(dtype=float),
     d_means: wp.array(dtype=wp.vec2), d_roots: wp.array(dtype=wp.vec3), d_opacities: wp.array(dtype=float),
     d_paint: wp.array(dtype=wp.vec3), d_screen: wp.array(dtype=wp.vec2),
@@ -134,27 +139,26 @@ def composite_backward(
     `d_screen` receives |dL/dmean| of every pixel.
     """
     y, x = wp.tid()
-    span = ranges[(y // TILE) * columns + x // TILE]
+    start, end = ranges[(y // TILE) * columns + x // TILE][0], ends[y, x]
     outer = d_image[y, x]
-    rest = wp.dot(outer, image[y, x]) + transmittance[y, x] * d_transmittance[y, x]
-    light = wp.float32(1.0)
-    for k in range(span[0], span[1]):
-        s = splats[k]
+    light = transmittance[y, x]
+    rest = light * d_transmittance[y, x]
+    for behind in range(end - start):
+        s = splats[end - 1 - behind]
         root, opacity = roots[s], opacities[s]
         f = falloff(means[s], root, float(x) + 0.5, float(y) + 0.5)
         alpha = alpha_of(opacity, f)
         if alpha > 0.0:
+            spread = 1.0 / (1.0 - alpha)
+            light *= spread
             weight = light * alpha
             share = weight * wp.dot(outer, paint[s])
-            rest -= share
             wp.atomic_add(d_paint, s, weight * outer)
             if alpha < LARGEST_ALPHA:
-                pull = share - alpha * rest / (1.0 - alpha)
+                pull = share - alpha * spread * rest
                 d_mean = wp.vec2(pull * f[2] * root[0], pull * (f[2] * root[1] + f[3] * root[2]))
                 wp.atomic_add(d_means, s, d_mean)
                 wp.atomic_add(d_screen, s, wp.vec2(wp.abs(d_mean[0]), wp.abs(d_mean[1])))
                 wp.atomic_add(d_roots, s, -pull * wp.vec3(f[2] * f[0], f[2] * f[1], f[3] * f[1]))
                 wp.atomic_add(d_opacities, s, pull / opacity)
-            light -= weight
-            if light < OPAQUE_TRANSMITTANCE:
-                break
+            rest += share
