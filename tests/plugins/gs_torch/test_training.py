@@ -255,6 +255,25 @@ def test_a_disk_without_room_for_checkpoints_costs_these_alone(flight, tmp_path,
     assert str(tmp_path) in surroundings.warnings[0]
 
 
+def test_half_a_checkpoint_does_not_stay_in_the_way_of_the_result(flight, tmp_path, monkeypatch):
+    def half(content, path):
+        path.write_bytes(b"half")
+        raise RuntimeError("unexpected pos 64 vs 0")
+
+    monkeypatch.setattr(torch, "save", half)
+    monkeypatch.setattr(training, "CHECKPOINT_EVERY", 2)
+    OPTIONS.model_copy(update={"iterations": 3}).reconstruct(flight, context(tmp_path))
+    assert not list(tmp_path.glob("*.part"))
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut short", b"no checkpoint at all"])
+def test_a_damaged_checkpoint_costs_only_what_it_held(flight, tmp_path, content):
+    (tmp_path / "checkpoint.pt").write_bytes(content)
+    surroundings = context(tmp_path)
+    assert len(OPTIONS.model_copy(update={"iterations": 3}).reconstruct(flight, surroundings)) > 0
+    assert any("starts anew" in warning for warning in surroundings.warnings)
+
+
 def test_no_iterations_are_refused():
     with pytest.raises(ValueError, match="iterations"):
         TorchSplats(iterations=0)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, fields
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any
 
 import torch
@@ -12,7 +13,7 @@ from slideframe_gs_torch.exposure import Exposures
 from slideframe_gs_torch.optimiser import Adam
 from slideframe_gs_torch.parameters import Parameters
 
-FILE_NAME = "checkpoint.pt"
+FILE_NAME, PARTIAL_NAME = "checkpoint.pt", "checkpoint.pt.part"
 NUMBERS = ("start_count", "iteration", "settled", "seconds", "curve")
 
 
@@ -54,7 +55,7 @@ def save(state: State, folder: Path) -> None:
         "exposures": {item.name: getattr(state.exposures, item.name) for item in fields(Exposures)},
         **{name: getattr(state, name) for name in NUMBERS},
     }
-    partial = folder / f"{FILE_NAME}.part"
+    partial = folder / PARTIAL_NAME
     torch.save(content, partial)
     partial.replace(folder / FILE_NAME)
 
@@ -74,6 +75,7 @@ class Writer:
             save(state, self._context.scratch)
         except (OSError, RuntimeError) as error:  # torch's writer tells of a full disk by the latter
             self._works = False
+            (self._context.scratch / PARTIAL_NAME).unlink(missing_ok=True)  # what follows needs the room
             reason = str(error).splitlines()[0]
             self._context.warn(
                 f"no checkpoint could be written to {self._context.scratch} ({reason}): training goes on without, and "
@@ -81,14 +83,19 @@ class Writer:
             )
 
 
-def load(folder: Path) -> State | None:
-    """Return the saved state, or None where there is none."""
-    path = folder / FILE_NAME
+def load(context: Context) -> State | None:
+    """Return the saved state, or None where there is none, or, with a warning, none that can be read."""
+    path = context.scratch / FILE_NAME
     if not path.exists():
         return None
-    content: dict[str, Any] = torch.load(path, weights_only=True)
-    adam = Adam(content["mean"], content["square"], content["steps"])
-    numbers = {name: content[name] for name in NUMBERS}
-    return State(
-        Parameters(content["raw"]), adam, content["score"], exposures=Exposures(**content["exposures"]), **numbers
-    )
+    try:
+        content: dict[str, Any] = torch.load(path, weights_only=True)
+        adam = Adam(content["mean"], content["square"], content["steps"])
+        parameters, exposures = Parameters(content["raw"]), Exposures(**content["exposures"])
+        return State(
+            parameters, adam, content["score"], exposures=exposures, **{name: content[name] for name in NUMBERS}
+        )
+    except (OSError, RuntimeError, EOFError, KeyError, TypeError, UnpicklingError) as error:
+        reason = next(iter(str(error).splitlines()), type(error).__name__)
+        context.warn(f"the checkpoint {path} can't be read ({reason}): training starts anew")
+        return None

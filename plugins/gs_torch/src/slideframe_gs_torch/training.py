@@ -66,7 +66,7 @@ class Scene:
 
 def train(options: "TorchSplats", scene: Scene, measure: HeldOut, previews: Previews, context: Context) -> State:
     """Return the state after the last iteration, gone on from a checkpoint where there is one."""
-    state = checkpoint.load(context.scratch)
+    state = checkpoint.load(context)
     fresh = state is None
     if state is None:
         parameters = initial_parameters(scene.survey, scene.shown, options, context.seed)
