@@ -93,6 +93,11 @@ class TorchSplats(Reconstructor):
         description="pictures of how training comes along, of a photograph held out beside its splats, that the "
         "recording shows; 0: none",
     )
+    sky: Literal["clear", "keep"] = Field(
+        default="clear",
+        description="what looks over the horizon and over all ground that the survey's sparse points show: 'clear' "
+        "lets no splat stand before it, and leaves it out of every measure; 'keep' trains it as if it were ground",
+    )
     opaque_weight: float = Field(
         default=0.05,
         ge=0,

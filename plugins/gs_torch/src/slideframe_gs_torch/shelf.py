@@ -13,6 +13,8 @@ from slideframe.arrays import Float32Array, UInt8Array
 from slideframe.errors import StageFailed
 from slideframe_gs_torch.views import TrainingView
 
+# What the fourth plane of a picture says of its pixels, beside 0, left out.
+USED, SKY = 1, 2
 # The widths that training shows them at, as divisors of the full one.
 FACTORS = (1, 2, 4)
 
@@ -52,14 +54,17 @@ class Shelf:
 
 
 class _Shelved(NamedTuple):
-    """A view whose pixels and mask are elsewhere, as a picture of three or four planes."""
+    """A view whose pixels, mask and sky are elsewhere, as a picture of three or four planes."""
 
     empty: TrainingView
     fetch: Callable[[], UInt8Array]
 
     def view(self) -> TrainingView:
         planes = torch.from_numpy(self.fetch())
-        return replace(self.empty, pixels=planes[:3], mask=planes[3] > 0 if len(planes) > 3 else None)
+        if len(planes) == 3:
+            return replace(self.empty, pixels=planes)
+        sky = planes[3] == SKY
+        return replace(self.empty, pixels=planes[:3], mask=planes[3] == USED, sky=sky if sky.any() else None)
 
 
 class ShelvedViews(Sequence[TrainingView]):
@@ -98,6 +103,11 @@ class ShelvedViews(Sequence[TrainingView]):
 
 def _shelved(view: TrainingView, factor: int, shelf: Shelf) -> _Shelved:
     reduced = view.reduced(factor)
-    planes = reduced.pixels if reduced.mask is None else torch.cat([reduced.pixels, reduced.mask[None].to(torch.uint8)])
+    planes = reduced.pixels
+    if reduced.mask is not None:
+        use = reduced.mask.to(torch.uint8) * USED
+        if reduced.sky is not None:
+            use[reduced.sky] = SKY
+        planes = torch.cat([planes, use[None]])
     fetch = shelf.put(f"{view.index:06d}-{factor}", planes.numpy())
-    return _Shelved(replace(reduced, pixels=reduced.pixels[:, :0, :0].clone(), mask=None), fetch)
+    return _Shelved(replace(reduced, pixels=reduced.pixels[:, :0, :0].clone(), mask=None, sky=None), fetch)

@@ -1,6 +1,6 @@
 """The splats of a whole site: block by block, one after the other, and how they resemble photographs held out."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -19,7 +19,7 @@ from slideframe_gs_torch.previews import Previews
 from slideframe_gs_torch.shelf import Shelf, ShelvedViews
 from slideframe_gs_torch.threads import one_torch_thread
 from slideframe_gs_torch.training import Scene, train
-from slideframe_gs_torch.views import load_views
+from slideframe_gs_torch.views import TrainingView, load_views
 
 if TYPE_CHECKING:
     from slideframe_gs_torch.reconstructor import TorchSplats
@@ -71,7 +71,7 @@ def train_block(options: "TorchSplats", survey: Survey, block: Block, number: in
     """Train on the photographs that see a block and keep what lies in it."""
     held_out, shown = split_photographs(block.photographs, options.hold_out_every)
     shelf = Shelf(context.scratch / "photographs", options.photographs_megabytes * 1_000_000)
-    views = ShelvedViews(load_views(survey, shown, options.image_width, context), shelf)
+    views = ShelvedViews(views_of(options, survey, shown, context), shelf)
     if not views:
         raise InputError(
             "nothing of any photograph is left to train on",
@@ -79,7 +79,7 @@ def train_block(options: "TorchSplats", survey: Survey, block: Block, number: in
             cure="look at the masks, which leave out all of them",
         )
     scene = Scene.of(options, survey if block.is_whole else survey_of(survey, block), views)
-    measuring = ShelvedViews(load_views(survey, held_out, options.image_width, context), shelf)
+    measuring = ShelvedViews(views_of(options, survey, held_out, context), shelf)
     previews = Previews.of(options, measuring or views, scene.behind, number * options.iterations)
     state = train(options, scene, HeldOut(options, measuring, scene.behind), previews, context)
     if not block.is_whole:
@@ -89,6 +89,13 @@ def train_block(options: "TorchSplats", survey: Survey, block: Block, number: in
         block.keep(state.parameters.export(options.anisotropy_limit)), scene.behind,
         share_above(scales, options.anisotropy_limit), state.start_count, state.iteration, state.seconds, state.curve,
     )  # fmt: skip
+
+
+def views_of(
+    options: "TorchSplats", survey: Survey, indices: Sequence[int], context: Context
+) -> Iterator[TrainingView]:
+    """Read photographs as the options ask for them, one by one."""
+    return load_views(survey, indices, options.image_width, context, clear_sky=options.sky == "clear")
 
 
 def split_photographs(indices: Sequence[int], hold_out_every: int) -> tuple[list[int], list[int]]:
@@ -136,7 +143,7 @@ def report_likeness(
     found: dict[int, Likeness] = {}
     quiet = replace(context, warnings=[])
     for index in (*held_out, *shown):
-        for view in load_views(survey, [index], options.image_width, quiet):
+        for view in views_of(options, survey, [index], quiet):
             found[index] = likeness(splats, view, (red, green, blue))
     report_held_out({survey.photographs[index].name: found[index] for index in held_out if index in found}, context)
     alike = {survey.photographs[index].name: found[index].psnr for index in shown if index in found}

@@ -45,6 +45,8 @@ DEGREE_SHARE = 0.1
 # Floaters are looked for that often, in iterations.
 CLEAR_EVERY = 100
 INVISIBLE_LOGIT = -12.0
+# Weight in the loss of the mean share of light that splats keep off the sky.
+CLEAR_WEIGHT = 0.3
 CHECKPOINT_EVERY = 200
 REPORT_EVERY = 10
 
@@ -172,6 +174,8 @@ def photograph_loss(
     if options.opaque_weight > 0:
         passed = 1 - raster.alpha
         loss = loss + options.opaque_weight * (passed if view.mask is None else passed * view.mask).mean()
+    if view.sky is not None:
+        loss = loss + CLEAR_WEIGHT * (raster.alpha * view.sky).mean()
     if view.depths is not None and raster.depth is not None:
         loss = loss + options.depth_weight * view.depths.loss(raster.depth, raster.alpha)
     return loss
@@ -195,8 +199,9 @@ def active_degree(degree: int, share: float) -> int:
 
 
 def mean_colour(views: Iterable[TrainingView]) -> tuple[float, float, float]:
-    """Return the mean sRGB of the photographs, 0 to 1: the best guess where nothing is known."""
-    red, green, blue = np.mean([view.pixels.double().mean(dim=(1, 2)).numpy() for view in views], axis=0) / 255
+    """Return the mean sRGB of the photographs but the sky, 0 to 1: the best guess where nothing is known."""
+    levels = [view.pixels if view.sky is None else view.pixels[:, ~view.sky][..., None] for view in views]
+    red, green, blue = np.mean([part.double().mean(dim=(1, 2)).numpy() for part in levels], axis=0) / 255
     return float(red), float(green), float(blue)
 
 

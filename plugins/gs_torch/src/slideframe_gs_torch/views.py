@@ -12,6 +12,7 @@ from slideframe.photographs import load_photograph
 from slideframe.products import Camera, Survey
 from slideframe.stages import Context
 from slideframe_gs_torch.depth_points import DepthPoints, depth_points
+from slideframe_gs_torch.sky import sky_pixels
 
 # A reduced photograph narrower than this says too little to train on.
 NARROWEST = 64
@@ -21,7 +22,8 @@ NARROWEST = 64
 class TrainingView:
     """One photograph: pixels (3, height, width) uint8, mask (height, width) or None, camera and pose.
 
-    `index` is its place among the survey's photographs, `depths` what its sparse points say, where that is wanted.
+    `sky` (height, width) is where no splat may stand, and the mask leaves it out. `index` is its place among the
+    survey's photographs, `depths` what its sparse points say, where that is wanted.
     """
 
     name: str
@@ -31,6 +33,7 @@ class TrainingView:
     world_from_camera: Float64Array
     index: int = 0
     depths: DepthPoints | None = None
+    sky: Tensor | None = None
 
     @property
     def truth(self) -> Tensor:
@@ -54,19 +57,29 @@ class TrainingView:
                 "principal_y": self.camera.principal_y / factor,
             }
         )
-        mask = None
-        if self.mask is not None:
-            blocks = self.mask[: height * factor, : width * factor].reshape(height, factor, width, factor)
-            mask = blocks.all(dim=3).all(dim=1)
-        return replace(self, pixels=pixels, mask=mask, camera=camera)
+        mask, sky = (
+            None if plane is None else _all_of_blocks(plane[: height * factor, : width * factor], factor)
+            for plane in (self.mask, self.sky)
+        )
+        return replace(self, pixels=pixels, mask=mask, sky=sky, camera=camera)
 
     def with_depths(self, points: Float32Array) -> "TrainingView":
         """Return the view with the depths of the sparse points (point, 3) that it sees."""
         return replace(self, depths=depth_points(points, self.camera, self.world_from_camera))
 
 
-def load_views(survey: Survey, indices: Iterable[int], width: int, context: Context) -> Iterator[TrainingView]:
+def _all_of_blocks(plane: Tensor, factor: int) -> Tensor:
+    """Tell for each block of factor x factor pixels whether all are true."""
+    height, width = plane.shape
+    return plane.reshape(height // factor, factor, width // factor, factor).all(dim=3).all(dim=1)
+
+
+def load_views(
+    survey: Survey, indices: Iterable[int], width: int, context: Context, *, clear_sky: bool = True
+) -> Iterator[TrainingView]:
     """Read photographs at training size, one by one; those of which masks leave nothing are left out with a warning.
+
+    With `clear_sky` what shows the sky is known, and left out by the mask.
 
     Raises:
         InputError: one can't be read.
@@ -74,9 +87,12 @@ def load_views(survey: Survey, indices: Iterable[int], width: int, context: Cont
     for index in indices:
         pixels, camera, mask = load_photograph(survey, index, width=width)
         name = survey.photographs[index].name
+        sky = sky_pixels(survey.sparse_points, camera, survey.world_from_camera[index]) if clear_sky else None
+        if sky is not None:
+            mask = ~sky if mask is None else mask & ~sky
         if mask is not None and not mask.any():
-            context.warn(f"{name} is left out: its mask, or its lens, leaves nothing of it")
+            context.warn(f"{name} is left out: its mask, its lens or the sky leaves nothing of it")
             continue
         planes = torch.from_numpy(np.array(pixels.transpose(2, 0, 1), order="C"))
-        seen = None if mask is None else torch.from_numpy(mask)
-        yield TrainingView(name, planes, seen, camera, survey.world_from_camera[index], index)
+        seen, above = (None if part is None else torch.from_numpy(part) for part in (mask, sky))
+        yield TrainingView(name, planes, seen, camera, survey.world_from_camera[index], index, sky=above)
