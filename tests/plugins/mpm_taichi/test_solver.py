@@ -159,3 +159,16 @@ def test_every_core_has_a_worker_of_its_own():
         bound = [os.sched_getaffinity(int(thread.name)) for thread in Path("/proc/self/task").iterdir()]
     for core in os.sched_getaffinity(0):
         assert {core} in bound
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_nan_in_one_component_is_seen_at_once(axis):
+    """Maxima pass over NaN: it must not hide behind the other two components."""
+    problem = sand_problem()
+    velocities = np.zeros((len(BLOCK.particle_positions), 3))
+    velocities[7, axis] = np.nan
+    with session(Device(), "float32"):
+        stepper = Stepper(BLOCK, problem, problem.grid(BLOCK), Device())
+        stepper.particles.assign("velocities", velocities)
+        stepper.begin(Step(1e-4, problem.simulation.gravity))
+        assert not stepper.substep() < 1e6

@@ -139,3 +139,15 @@ def test_the_code_for_cards_compiles_without_a_card(tmp_path):
         module = sys.modules[f"{package.__name__}.{name}"]
         wp.compile_aot_module(module, arch=90, module_dir=tmp_path / name, strip_hash=False)
         assert list((tmp_path / name).glob("*.ptx")) + list((tmp_path / name).glob("*.cubin"))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_nan_in_one_component_is_seen_at_once(axis):
+    """Maxima pass over NaN: it must not hide behind the other two components."""
+    problem = sand_problem()
+    velocities = np.zeros((len(BLOCK.particle_positions), 3))
+    velocities[7, axis] = np.nan
+    stepper = Stepper(BLOCK, problem, problem.grid(BLOCK), "cpu")
+    stepper.particles.assign("velocities", velocities)
+    stepper.begin(Step(1e-4, problem.simulation.gravity))
+    assert not stepper.substep() < 1e6

@@ -186,6 +186,36 @@ def carry(particle, way, limits: ti.template(), positions: ti.template(), residu
     return leaving
 
 
+@ti.func
+def greatest_component(velocity):
+    """Return the greatest absolute component, UNBOUNDED for NaN and what is beyond it."""
+    greatest = 0.0
+    for axis in ti.static(range(3)):
+        speed = ti.abs(velocity[axis])
+        # written so that NaN, too, is found
+        if not (speed <= UNBOUNDED):
+            speed = UNBOUNDED
+        greatest = ti.max(greatest, speed)
+    return greatest
+
+
+@ti.func
+def take_out(
+    particle,
+    velocities: ti.template(),
+    affines: ti.template(),
+    pulls: ti.template(),
+    masses: ti.template(),
+    volumes: ti.template(),
+):
+    """Let a particle weigh and move nothing from now on."""
+    masses[particle] = 0.0
+    volumes[particle] = 0.0
+    velocities[particle] = ti.Vector([0.0, 0.0, 0.0])
+    affines[particle] = sphere(0.0)
+    pulls[particle] = sphere(0.0)
+
+
 @ti.kernel
 def grid_to_particles(
     grid: Array,
@@ -228,21 +258,12 @@ def grid_to_particles(
                     carrying += transfers[0][2] * excess
                 velocity += transfers[0][1] * excess
             velocities[particle] = velocity
-            for axis in ti.static(range(3)):
-                speed = ti.abs(velocity[axis])
-                if ti.static(keeps_excess):
-                    speed = ti.max(speed, ti.abs(carrying[axis]))
-                if not (speed <= UNBOUNDED):
-                    speed = UNBOUNDED
-                ti.atomic_max(fastest, speed)
+            ti.atomic_max(fastest, greatest_component(velocity))
+            if ti.static(keeps_excess):
+                ti.atomic_max(fastest, greatest_component(carrying))
             if carry(particle, way_of_speed * carrying, limits, positions, residuals):
                 held[particle] = 1
-                masses[particle] = 0.0
-                volumes[particle] = 0.0
-                velocities[particle] = ti.Vector([0.0, 0.0, 0.0])
-                affines[particle] = sphere(0.0)
-                if ti.static(keeps_excess):
-                    pulls[particle] = sphere(0.0)
+                take_out(particle, velocities, affines, pulls, masses, volumes)
     return fastest
 
 

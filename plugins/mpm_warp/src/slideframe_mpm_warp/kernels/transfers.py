@@ -89,6 +89,33 @@ def carry(
     return leaving
 
 
+@wp.func
+def greatest_component(velocity: Vector) -> Real:
+    """Return the greatest absolute component, UNBOUNDED for NaN and what is beyond it."""
+    greatest = wp.max(wp.abs(velocity))
+    # wp.max passes over NaN, a sum doesn't
+    if not (wp.abs(velocity[0]) + wp.abs(velocity[1]) + wp.abs(velocity[2]) <= UNBOUNDED):
+        greatest = UNBOUNDED
+    return greatest
+
+
+@wp.func
+def take_out(
+    particle: int,
+    velocities: wp.array(dtype=Vector),
+    affines: wp.array(dtype=Matrix),
+    pulls: wp.array(dtype=Matrix),
+    masses: wp.array(dtype=Real),
+    volumes: wp.array(dtype=Real),
+):
+    """Let a particle weigh and move nothing from now on."""
+    masses[particle] = Real(0.0)
+    volumes[particle] = Real(0.0)
+    velocities[particle] = Vector()
+    affines[particle] = Matrix()
+    pulls[particle] = Matrix()
+
+
 @wp.kernel
 def grid_to_particles(
     first: int,
@@ -139,17 +166,10 @@ def grid_to_particles(
     velocities[particle] = velocity
     if carry(particle, way_of_speed * carrying, lowest, highest, positions, residuals):
         held[particle] = 1
-        masses[particle] = Real(0.0)
-        volumes[particle] = Real(0.0)
-        velocities[particle] = Vector()
-        affines[particle] = Matrix()
-        pulls[particle] = Matrix()
-    speed = wp.max(wp.abs(velocity))
+        take_out(particle, velocities, affines, pulls, masses, volumes)
+    wp.atomic_max(fastest, particle // CHUNK, greatest_component(velocity))
     if wp.static(KEEPS_EXCESS):
-        speed = wp.max(speed, wp.max(wp.abs(carrying)))
-    if not (speed <= UNBOUNDED):
-        speed = UNBOUNDED
-    wp.atomic_max(fastest, particle // CHUNK, speed)
+        wp.atomic_max(fastest, particle // CHUNK, greatest_component(carrying))
 
 
 @wp.func
