@@ -244,6 +244,7 @@ class Pace:
     _started: float = field(default=0.0, init=False)
     _told: float = field(default=0.0, init=False)
     _untold: int = field(default=0, init=False)
+    _compiled: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         self._told = time.perf_counter()
@@ -272,6 +273,9 @@ class Pace:
 
     def substep_done(self, elapsed: float, time_step: float, speed: float) -> None:
         """Report progress within a frame that takes long; `elapsed` is simulated time, negative before t = 0."""
+        if not self._compiled:  # the first substep's time says nothing of the next ones'
+            self._compiled, self._told, self._untold = True, time.perf_counter(), 0
+            return
         self._untold += 1
         seconds = time.perf_counter() - self._told
         if seconds < QUIET_SECONDS:
