@@ -1,5 +1,9 @@
 """Photographs beyond the memory that training may take for them."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -66,3 +70,49 @@ def test_a_disk_without_room_is_named_with_the_ways_out(tmp_path):
     with pytest.raises(StageFailed, match="photographs_megabytes") as caught:
         ShelvedViews([view(0)], Shelf(tmp_path / "photographs", 0))
     assert "image_width" in str(caught.value)
+
+
+SHELVING = """
+import sys
+from pathlib import Path
+import numpy as np
+from PIL import Image
+from slideframe.device import Device
+from slideframe.products import Camera, Georeference, Photograph, Survey
+from slideframe.stages import Context
+from slideframe_gs_torch.shelf import Shelf, ShelvedViews
+from slideframe_gs_torch.views import load_views
+
+def resident():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
+
+folder, count = Path(sys.argv[1]), 40
+Image.fromarray(np.random.default_rng(0).integers(0, 256, (900, 1200, 3), np.uint8)).save(folder / "one.jpg")
+camera = Camera(
+    width=1200, height=900, focal_x=850, focal_y=850, principal_x=600, principal_y=450, distortion=(-0.1, 0, 0, 0, 0)
+)
+survey = Survey(
+    georeference=Georeference(latitude=0, longitude=0, ellipsoidal_height=0),
+    cameras=(camera,),
+    photographs=tuple(Photograph(path=folder / "one.jpg", camera=0, sha256="") for _ in range(count)),
+    world_from_camera=np.tile(np.eye(3, 4), (count, 1, 1)),
+    position_sigma=np.ones((count, 3)),
+    sparse_points=np.zeros((0, 3), np.float32),
+    sparse_colors=np.zeros((0, 3), np.uint8),
+    sparse_errors=np.zeros(0, np.float32),
+)
+context = Context(device=Device(), scratch=folder)
+few = ShelvedViews(load_views(survey, range(4), 640, context), Shelf(folder / "few", 0))
+before = resident()
+many = ShelvedViews(load_views(survey, range(count), 640, context), Shelf(folder / "many", 0))
+print(resident() - before)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").is_file(), reason="memory is looked up in Linux's /proc")
+def test_photographs_on_disk_take_no_memory(tmp_path):
+    found = subprocess.run(
+        [sys.executable, "-c", SHELVING, str(tmp_path)], capture_output=True, text=True, check=True
+    ).stdout
+    # 40 photographs, each 0.9 MB undistorted at 640 px, and some ten times that while it is read
+    assert float(found) < 25

@@ -9,6 +9,7 @@ from typing import NamedTuple, overload
 import numpy as np
 import torch
 
+from slideframe.allocator import return_freed_memory
 from slideframe.arrays import Float32Array, UInt8Array
 from slideframe.errors import StageFailed
 from slideframe_gs_torch.views import TrainingView
@@ -72,7 +73,10 @@ class ShelvedViews(Sequence[TrainingView]):
 
     def __init__(self, views: Iterable[TrainingView], shelf: Shelf) -> None:
         """Put all widths of the views, which may be read one by one, on the shelf."""
-        self._views = [{factor: _shelved(view, factor, shelf) for factor in FACTORS} for view in views]
+        self._views = []
+        for view in views:
+            self._views.append({factor: _shelved(view, factor, shelf) for factor in FACTORS})
+            return_freed_memory()
 
     def __len__(self) -> int:
         return len(self._views)
