@@ -24,7 +24,7 @@ class TorchSplats(Reconstructor):
 
     iterations: int = Field(default=2500, ge=1, le=1_000_000, description="photographs shown, one per iteration")
     splat_budget: int = Field(
-        default=150_000, ge=100, le=10_000_000, description="most splats that densification makes"
+        default=250_000, ge=100, le=10_000_000, description="most splats that densification makes"
     )
     start_share: float = Field(
         default=0.75,
