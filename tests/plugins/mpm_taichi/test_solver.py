@@ -14,6 +14,7 @@ from slideframe.errors import ConfigurationError, PluginError, StageFailed
 from slideframe.testing.evidence import digest, fresh_context
 from slideframe.testing.solver_scenes import block_filling, sand_problem
 from slideframe.time_integration import Step
+from slideframe_mpm_taichi import runtime
 from slideframe_mpm_taichi.runtime import session
 from slideframe_mpm_taichi.solver import TaichiSolver
 from slideframe_mpm_taichi.stepper import Stepper
@@ -159,6 +160,14 @@ def test_every_core_has_a_worker_of_its_own():
         bound = [os.sched_getaffinity(int(thread.name)) for thread in Path("/proc/self/task").iterdir()]
     for core in os.sched_getaffinity(0):
         assert {core} in bound
+
+
+def test_a_system_that_cannot_bind_threads_goes_without(monkeypatch):
+    monkeypatch.setattr(runtime, "_threads", set)
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    for precision in ("float64", "float32"):  # one of the two starts Taichi anew
+        with session(Device(), precision):
+            pass
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

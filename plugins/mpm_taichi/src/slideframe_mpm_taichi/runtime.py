@@ -69,12 +69,12 @@ def _start(device: Device, precision: str) -> None:
             enable_fallback=False,
             log_level=ti.ERROR,
         )
-    if device.kind == "cpu":
-        _spread(_threads() - before)
+    if device.kind == "cpu" and (started := _threads() - before):
+        _spread(started)
 
 
 def _threads() -> set[int]:
-    """Return the ids of this process's threads; none where the system doesn't list them as Linux does."""
+    """Return the ids of this process's threads; none where the system doesn't list them, nor binds any."""
     try:
         return {int(name) for name in os.listdir("/proc/self/task")}
     except OSError:

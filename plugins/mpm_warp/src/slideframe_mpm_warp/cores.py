@@ -9,12 +9,17 @@ from typing import Any
 LEAST_PARTICLES_PER_CORE = 2_000
 
 
+def core_count() -> int:
+    """Return how many cores this process may use, where the system tells; else how many there are."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 class Cores:
     """Runs the parts of a kernel at the same time, one on each core, and waits for all."""
 
     def __init__(self, particle_count: int) -> None:
         """Keep a thread ready for each core that has enough to do."""
-        self.count = max(1, min(len(os.sched_getaffinity(0)), particle_count // LEAST_PARTICLES_PER_CORE))
+        self.count = max(1, min(core_count(), particle_count // LEAST_PARTICLES_PER_CORE))
         self._pool = ThreadPoolExecutor(self.count, thread_name_prefix="mpm_warp")
 
     def run(self, parts: Sequence[Any]) -> None:
