@@ -128,7 +128,7 @@ def test_regions_without_a_mass(filled, region, what):
 
 def test_more_particles_than_memory_holds_are_refused_before_they_are_laid(filled, monkeypatch):
     monkeypatch.setattr(guards, "available_memory", lambda: 500_000_000)
-    with pytest.raises(ConfigurationError, match=r"particles 0\.02 m apart: more than the 0\.5 GB") as caught:
+    with pytest.raises(ConfigurationError, match=r"need at least 0\.8 GB: more than the 0\.5 GB") as caught:
         filled(BoxRegion(**SIDES, base=DepthBase(depth=1.0)), spacing=0.02)
     assert caught.value.where == "simulation.grid_spacing"
 
