@@ -2,7 +2,7 @@
 
     python benchmarks/verification.py [SOLVER ...] [--cases FIRST-LAST]
 
-The reference, in NumPy, takes some twenty minutes. `--cases 21-30` runs these ten, counted from 1 in the card's order.
+The reference, in NumPy, takes hours. `--cases 21-30` runs these ten, counted from 1 in the card's order.
 """
 
 import argparse
