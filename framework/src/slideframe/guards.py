@@ -51,7 +51,7 @@ def check_spacing(plan_size: tuple[float, float], simulation: Simulation, least_
     _require_room(least_memory(particles, simulation), what)
 
 
-def check_volume(volume: float, simulation: Simulation, least_memory: LeastMemory = _least) -> None:
+def check_volume(volume: float, simulation: Simulation, least_memory: LeastMemory) -> None:
     """Refuse to move a volume, m3, that so fine a grid can't hold in memory.
 
     Raises:

@@ -9,9 +9,9 @@ from typing import NamedTuple, overload
 import numpy as np
 import torch
 
-from slideframe.allocator import return_freed_memory
 from slideframe.arrays import Float32Array, UInt8Array
 from slideframe.errors import StageFailed
+from slideframe_gs_torch.allocator import return_freed_memory
 from slideframe_gs_torch.views import TrainingView
 
 # What the fourth plane of a picture says of its pixels, beside 0, left out.

@@ -1,10 +1,10 @@
-"""Freed memory goes back where the C library can (what it is worth: gs_torch's test_shelf.py)."""
+"""Freed memory goes back where the C library can (what it is worth: test_shelf.py)."""
 
 import ctypes
 
 import pytest
 
-from slideframe import allocator
+from slideframe_gs_torch import allocator
 
 
 @pytest.fixture(autouse=True)
