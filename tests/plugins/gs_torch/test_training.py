@@ -376,13 +376,15 @@ def furrows(tmp_path_factory) -> Survey:
 def test_the_anisotropy_term_removes_the_streaks_of_a_mass_that_turns(furrows, tmp_path):
     """Grains turn at random as the mass moves: needles then smear their colours over their neighbours."""
     changes, likeness, ratios = {}, {}, {}
-    short = OPTIONS.model_copy(update={"iterations": 200, "splat_budget": 1200})
+    # After 200 iterations round splats still lag behind needles by 1.1 to 1.5 dB, after 400 by 0.1 to 0.4 dB (of five
+    # seeds).
+    settled = OPTIONS.model_copy(update={"iterations": 400, "splat_budget": 1200})
     for name, update in {
         "with": {"anisotropy_weight": 0.5},
         "without": {"anisotropy_weight": 0.0, "anisotropy_limit": 100.0},
     }.items():
         surroundings = context(tmp_path / name)
-        splats = short.model_copy(update=update).reconstruct(furrows, surroundings)
+        splats = settled.model_copy(update=update).reconstruct(furrows, surroundings)
         random = np.random.default_rng(0).normal(size=splats.rotations.shape)
         turned = splats.model_copy(
             update={"rotations": (random / np.linalg.norm(random, axis=1, keepdims=True)).astype(np.float32)}
@@ -392,4 +394,4 @@ def test_the_anisotropy_term_removes_the_streaks_of_a_mass_that_turns(furrows, t
         changes[name] = float((draw_view(turned, view, SKY) - draw_view(splats, view, SKY)).square().mean().sqrt())
         likeness[name] = surroundings.figures["held_out_psnr_db"]
     assert changes["with"] < 0.8 * changes["without"], (changes, ratios, likeness)
-    assert likeness["with"] > likeness["without"] - 1.5, likeness
+    assert likeness["with"] > likeness["without"] - 1, likeness
