@@ -60,7 +60,7 @@ def test_points_lie_on_sloping_ground_also_beyond_the_sparse_ones(reach):
 def test_every_cell_of_a_view_shows_a_point_and_none_gets_a_second():
     sparse = ground_points(200)
     shown = view()
-    depths = ViewDepths.of(sparse, shown)
+    depths = ViewDepths.of(sparse, shown, None)
     assert depths is not None
     before = cells_with_points(sparse.astype(float), shown, 4)
     added, _ = points_in_empty_cells(sparse.astype(float), shown, depths, 4)
@@ -76,9 +76,9 @@ def test_what_a_mask_leaves_out_gets_no_points():
 
 
 def test_views_that_see_too_few_points_add_none():
-    assert ViewDepths.of(ground_points(5), view()) is None
+    assert ViewDepths.of(ground_points(5), view(), None) is None
     line = np.column_stack([np.linspace(-3, 3, 40), np.zeros(40), np.zeros(40)]).astype(np.float32)
-    assert ViewDepths.of(line, replace(view(), world_from_camera=looking_down(0.0))) is None
+    assert ViewDepths.of(line, replace(view(), world_from_camera=looking_down(0.0)), None) is None
     points, _ = dense_points(survey(ground_points(5)), [view()], 1500)
     assert len(points) == 5
 

@@ -66,7 +66,7 @@ def test_small_splats_are_cloned_and_large_ones_split(scale, split):
     state = State(parameters, Adam(), torch.zeros(10, 2), 10, Exposures.of(1), iteration=100)
     gradients = torch.zeros(10, 2)
     gradients[4, 0] = 1.0
-    way.observe(state, gradients, width=100)
+    way.observe(state, torch.arange(10), gradients, width=100)
     before = parameters.raw["centers"].clone()
     way.after_step(state, 1e-3)
     assert len(state.parameters) == 11
@@ -86,7 +86,7 @@ def test_the_budget_of_clones_is_kept_and_faint_and_huge_splats_go():
     parameters.raw["logits"][0] = -9.0
     parameters.raw["log_scales"][1] = 3.0
     state = State(parameters, Adam(), torch.zeros(10, 2), 10, Exposures.of(1), iteration=100)
-    way.observe(state, torch.ones(10, 2), width=100)
+    way.observe(state, torch.arange(10), torch.ones(10, 2), width=100)
     way.after_step(state, 1e-3)
     assert len(state.parameters) <= 11
     assert (state.parameters.raw["logits"] > -9).all()

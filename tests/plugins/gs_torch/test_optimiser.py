@@ -34,17 +34,23 @@ def random_weights(step: int, terms: int) -> dict[str, torch.Tensor]:
     return {name: torch.randn(COUNT, *shape, generator=random) for name, shape in shapes.items()}
 
 
-def stepped(steps: int, seen: torch.Tensor) -> tuple[Parameters, Adam]:
+EVERY = torch.arange(COUNT)
+
+
+def stepped(steps: int, rows: torch.Tensor = EVERY, pulled: torch.Tensor | None = None) -> tuple[Parameters, Adam]:
+    """Take steps of the rows that are drawn, of which all are pulled at, or some."""
     parameters, adam = splats(), Adam()
+    pulls = torch.ones(len(rows), 2) if pulled is None else pulled[:, None].float().repeat(1, 2)
     for step in range(steps):
-        leaves = parameters.leaves(1)
-        photograph_loss(leaves, random_weights(step, TERMS)).backward()
-        adam.step(parameters.raw, leaves, seen[:, None].float().repeat(1, 2), RATES, PRESSURE)
+        leaves = parameters.leaves(rows, 1)
+        weights = {name: weight[rows] for name, weight in random_weights(step, TERMS).items()}
+        photograph_loss(leaves, weights).backward()
+        adam.step(parameters.raw, rows, leaves, pulls, RATES, PRESSURE)
     return parameters, adam
 
 
 def test_steps_are_those_of_adam_on_the_whole_loss():
-    parameters, _ = stepped(4, torch.ones(COUNT, dtype=torch.bool))
+    parameters, _ = stepped(4)
     raw = {name: tensor.requires_grad_() for name, tensor in splats().raw.items()}
     rates = dict(zip(NAMES, RATES.values(), strict=False))
     optimiser = torch.optim.Adam([{"params": [raw[name]], "lr": rates[name]} for name in NAMES], eps=1e-15)
@@ -68,8 +74,8 @@ def test_steps_are_those_of_adam_on_the_whole_loss():
 
 
 def test_splats_that_a_photograph_does_not_show_stay_as_they_are():
-    seen = torch.arange(COUNT) % 3 == 0
-    parameters, adam = stepped(2, seen)
+    seen = EVERY % 3 == 0
+    parameters, adam = stepped(2, pulled=seen)
     before = splats().raw
     for name in NAMES:
         same = (parameters.raw[name] == before[name]).reshape(COUNT, -1).all(dim=1)
@@ -77,11 +83,20 @@ def test_splats_that_a_photograph_does_not_show_stay_as_they_are():
     assert adam.steps.tolist() == (2 * seen).tolist()
 
 
+def test_drawing_only_what_is_in_view_changes_nothing():
+    seen = EVERY % 3 == 0
+    among_all, of_all = stepped(2, pulled=seen)
+    alone, of_some = stepped(2, rows=torch.nonzero(seen)[:, 0])
+    assert all(torch.equal(among_all.raw[name], alone.raw[name]) for name in NAMES)
+    assert all(torch.equal(of_all.square[name], of_some.square[name]) for name in NAMES)
+    assert torch.equal(of_all.steps, of_some.steps)
+
+
 def test_harmonics_beyond_those_drawn_stay_as_they_are():
     parameters, adam = splats(), Adam()
-    leaves = parameters.leaves(0)
+    leaves = parameters.leaves(EVERY, 0)
     photograph_loss(leaves, random_weights(0, 1)).backward()
-    adam.step(parameters.raw, leaves, torch.ones(COUNT, 2), RATES, PRESSURE)
+    adam.step(parameters.raw, EVERY, leaves, torch.ones(COUNT, 2), RATES, PRESSURE)
     changed = parameters.raw["harmonics"] != splats().raw["harmonics"]
     assert changed[:, 0].all()
     assert not changed[:, 1:].any()
@@ -93,12 +108,12 @@ def test_steps_are_the_same_bits_for_any_number_of_threads(count, monkeypatch):
     results = []
     for number in (1, count):
         monkeypatch.setattr(threads, "thread_count", lambda number=number: number)
-        results.append(stepped(2, torch.ones(COUNT, dtype=torch.bool))[0].raw)
+        results.append(stepped(2)[0].raw)
     assert all(torch.equal(results[0][name], results[1][name]) for name in NAMES)
 
 
 def test_new_rows_start_without_memory_and_dropped_ones_are_gone():
-    _, adam = stepped(2, torch.ones(COUNT, dtype=torch.bool))
+    _, adam = stepped(2)
     adam.forget(torch.tensor([3]), 2)
     assert adam.steps[[2, 3, COUNT, COUNT + 1]].tolist() == [2, 0, 0, 0]
     assert float(adam.square["centers"][3].sum()) == 0 < float(adam.square["centers"][2].sum())

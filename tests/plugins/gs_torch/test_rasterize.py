@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from slideframe.errors import InputError
 from slideframe.products import Camera
-from slideframe_gs_torch import threads
+from slideframe_gs_torch import compiled, threads
 from slideframe_gs_torch.rasterize import Raster, rasterize
+from slideframe_gs_torch.reference import camera_from
 
 # The kernels leave a pixel at a transmittance of 1e-7 and use a polynomial exp: 60 dB is 1e-3 of full scale.
 FORWARD_PSNR_DB = 60.0
@@ -275,17 +278,33 @@ def test_splats_on_one_pixel_agree_with_reference(count, opacity, backend):
     assert_alike(pile(count, opacity), backend, camera=tiny)
 
 
-def test_any_number_of_threads_gives_the_same_bits(monkeypatch):
+# three blocks of projection; three runs of binning
+@pytest.mark.parametrize("count", [600, 20_000])
+def test_any_number_of_threads_gives_the_same_bits(count, monkeypatch):
     monkeypatch.setattr(threads, "WORTH_THREADS", 0)
-    splats = with_harmonics(scene(600), 2)  # three blocks of projection
+    splats = with_harmonics(scene(count), 2)
     results = []
-    for count in (1, 2, 3):
-        monkeypatch.setattr(threads, "thread_count", lambda count=count: count)
+    for number in (1, 2, 3):
+        monkeypatch.setattr(threads, "thread_count", lambda number=number: number)
         raster, found = gradients(splats, "numba", torch.float32, pose=POSE_TURNED, depth=True, normals=True)
         planes = [raster.colour, raster.alpha, raster.depth, raster.median_depth, raster.normals]
         results.append([*(plane.detach() for plane in planes), *found])
     for other in results[1:]:
         assert all(torch.equal(one, two) for one, two in zip(results[0], other, strict=True))
+
+
+@given(seed=st.integers(0, 1000), spread=st.floats(-5, 3))
+@settings(max_examples=40, deadline=None)
+def test_what_a_view_shows_is_among_what_it_may_show(seed, spread):
+    splats = [tensor.float().numpy() for tensor in scene(300, seed)]
+    random = np.random.default_rng(seed)
+    splats[0] = (splats[0] + random.normal(0, 4, (300, 3))).astype(np.float32)  # also behind the camera and beside it
+    splats[2] = (splats[2] * np.exp(random.normal(spread, 1, (300, 3)))).astype(np.float32)
+    view = compiled.View.of(CAMERA, camera_from(torch.tensor(POSE_TURNED)).numpy())
+    drawn = compiled.draw(compiled.Splats(*splats), view, np.zeros(3, np.float32)).lists.order
+    may = compiled.in_view(splats[0], np.log(splats[2]), view)
+    assert set(drawn.tolist()) <= set(may.tolist())
+    assert len(may) < 300
 
 
 def test_an_empty_scene_shows_the_background():

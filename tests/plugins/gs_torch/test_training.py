@@ -13,7 +13,7 @@ from slideframe.products import Camera, Georeference, Photograph, SplatCloud, Su
 from slideframe.rotations import rotation_matrices
 from slideframe.stages import Context
 from slideframe_gs_torch import training
-from slideframe_gs_torch.densification.budgeted_splits import Schedule, densify
+from slideframe_gs_torch.densification.budgeted_splits import FEWEST_SHOWN, Schedule, densify
 from slideframe_gs_torch.evaluation import draw_view
 from slideframe_gs_torch.optimiser import Adam
 from slideframe_gs_torch.parameters import Parameters
@@ -341,6 +341,25 @@ def test_densification_takes_the_highest_scores_and_the_dead_make_room():
     assert changed.tolist() == [False, True, False, True, True, False]
 
 
+def test_splats_whose_colour_matters_least_make_room_once_enough_photographs_have_shown_them():
+    count = 100
+    parameters, adam = parameters_of(count), Adam()
+    parameters.raw["logits"][:] = 2.0
+    adam.steps = torch.full((count,), FEWEST_SHOWN, dtype=torch.int32)
+    adam.steps[50] = FEWEST_SHOWN - 1
+    adam.square = {name: torch.ones_like(tensor) for name, tensor in parameters.raw.items()}
+    adam.mean = {name: torch.zeros_like(tensor) for name, tensor in parameters.raw.items()}
+    weights = torch.arange(count).float()
+    weights[50] = 0
+    adam.square["harmonics"] *= weights[:, None, None]
+    before = parameters.raw["centers"].clone()
+    grown = densify(parameters, adam, weights, count)
+    assert len(grown) == count
+    moved = torch.nonzero((grown.raw["centers"] != before).any(dim=1))[:, 0].tolist()
+    # five of a hundred, of which one isn't known well enough, and the five of the highest scores
+    assert moved == [0, 1, 2, 3, 4, 95, 96, 97, 98, 99]
+
+
 def test_the_budget_is_reached_and_kept():
     schedule = Schedule(1000, 100, 5000)
     targets = [schedule.target(i) for i in range(1000) if schedule.is_due(i)]
@@ -376,9 +395,9 @@ def furrows(tmp_path_factory) -> Survey:
 def test_the_anisotropy_term_removes_the_streaks_of_a_mass_that_turns(furrows, tmp_path):
     """Grains turn at random as the mass moves: needles then smear their colours over their neighbours."""
     changes, likeness, ratios = {}, {}, {}
-    # After 200 iterations round splats still lag behind needles by 1.1 to 1.5 dB, after 400 by 0.1 to 0.4 dB (of five
-    # seeds).
-    settled = OPTIONS.model_copy(update={"iterations": 400, "splat_budget": 1200})
+    # After 200 iterations round splats still lag behind needles; by 600 needles have come to fit single photographs,
+    # and round ones are better by 1.2 to 3.7 dB held out (of five seeds).
+    settled = OPTIONS.model_copy(update={"iterations": 600, "splat_budget": 2400})
     for name, update in {
         "with": {"anisotropy_weight": 0.5},
         "without": {"anisotropy_weight": 0.0, "anisotropy_limit": 100.0},
@@ -394,4 +413,4 @@ def test_the_anisotropy_term_removes_the_streaks_of_a_mass_that_turns(furrows, t
         changes[name] = float((draw_view(turned, view, SKY) - draw_view(splats, view, SKY)).square().mean().sqrt())
         likeness[name] = surroundings.figures["held_out_psnr_db"]
     assert changes["with"] < 0.8 * changes["without"], (changes, ratios, likeness)
-    assert likeness["with"] > likeness["without"] - 1, likeness
+    assert likeness["with"] > likeness["without"] - 0.3, likeness

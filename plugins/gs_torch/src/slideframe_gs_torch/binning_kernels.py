@@ -12,6 +12,8 @@ from slideframe_gs_torch.projection_kernels import DEPTH, EXTENT_X, EXTENT_Y, HA
 TILE_WIDTH, TILE_HEIGHT = 8, 32
 ROWS_AT_ONCE = 2
 RADIX_BITS = 11
+# Splats of one task, where tasks keep the order of depth.
+CHUNK = 8192
 # Rows are clipped outside the ellipse by this much, since its numbers are float32: px, and a share of its height.
 CLIP_MARGIN, CLIP_SHARE = 0.01, 5e-4
 
@@ -100,66 +102,72 @@ def clip_strips(first_task, last_task, screen, columns, height, starts, strips):
             column += 1
 
 
-@njit(cache=True, error_model="numpy")
-def count_entries(screen, order, columns, starts, strips, tile_counts, slot_starts, slot_counts):
-    """Count the splats of each tile, and the tiles of each splat, whose slots follow one another near to far.
+@njit(nogil=True, cache=True, error_model="numpy")
+def count_entries(first_task, last_task, screen, order, columns, starts, strips, tile_counts, slot_counts):
+    """Count the splats of each tile, and the tiles of each splat. A task is a run of CHUNK splats.
 
     Args:
+        first_task: the first run.
+        last_task: one past the last run.
         screen: (drawn, SCREEN_COLUMNS), near to far.
         order: (drawn,), which splat each row of `screen` is.
         columns: tiles in a row.
         starts: (drawn + 1,), where each splat's strips start.
         strips: (strip, 2), pixel rows.
-        tile_counts: (tile,), zero, out.
-        slot_starts: (splat,), zero, out.
+        tile_counts: (run, tile), zero, out.
         slot_counts: (splat,), zero, out.
-
-    Returns:
-        The number of slots.
     """
-    slots = 0
-    for i in range(len(screen)):
-        column, _ = tile_columns(screen[i], columns)
-        slot_starts[order[i]] = slots
-        for strip in range(starts[i], starts[i + 1]):
-            if strips[strip, 1] > strips[strip, 0]:
-                first, last = strips[strip, 0] // TILE_HEIGHT, (strips[strip, 1] - 1) // TILE_HEIGHT
-                for row in range(first, last + 1):
-                    tile_counts[row * columns + column] += 1
-                slots += last + 1 - first
-            column += 1
-        slot_counts[order[i]] = slots - slot_starts[order[i]]
-    return slots
+    for chunk in range(first_task, last_task):
+        for i in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(screen))):
+            column, _ = tile_columns(screen[i], columns)
+            slots = 0
+            for strip in range(starts[i], starts[i + 1]):
+                if strips[strip, 1] > strips[strip, 0]:
+                    first, last = strips[strip, 0] // TILE_HEIGHT, (strips[strip, 1] - 1) // TILE_HEIGHT
+                    for row in range(first, last + 1):
+                        tile_counts[chunk, row * columns + column] += 1
+                    slots += last + 1 - first
+                column += 1
+            slot_counts[order[i]] = slots
 
 
-@njit(cache=True, error_model="numpy")
-def fill_entries(screen, columns, starts, strips, tile_starts, entry_splats, entry_rows, entry_slots):
-    """Write every tile's splats, near to far.
+@njit(nogil=True, cache=True, error_model="numpy")
+def fill_entries(
+    first_task, last_task, screen, order, columns, starts, strips, first_entries, first_slots,
+    entry_splats, entry_rows, entry_slots, slot_starts,
+):  # fmt: skip
+    """Write every tile's splats, near to far. A task is a run of CHUNK splats.
 
     Args:
+        first_task: the first run.
+        last_task: one past the last run.
         screen: (drawn, SCREEN_COLUMNS), near to far.
+        order: (drawn,), which splat each row of `screen` is.
         columns: tiles in a row.
         starts: (drawn + 1,), where each splat's strips start.
         strips: (strip, 2), pixel rows.
-        tile_starts: (tile + 1,), where each tile's entries start.
+        first_entries: (run, tile), where the run's entries of each tile start; overwritten.
+        first_slots: (run,), where its slots start.
         entry_splats: (entry,), out, rows of `screen`.
         entry_rows: (entry, 2), out, first pixel row within the tile and one past the last, both even.
         entry_slots: (entry,), out, where the entry's gradient goes; a splat's slots are adjacent.
+        slot_starts: (splat,), zero, out, where each splat's slots start.
     """
-    cursor = tile_starts[:-1].copy()
-    slot = 0
-    for i in range(len(screen)):
-        column, _ = tile_columns(screen[i], columns)
-        for strip in range(starts[i], starts[i + 1]):
-            low, high = strips[strip, 0], strips[strip, 1]
-            if high > low:
-                for row in range(low // TILE_HEIGHT, (high - 1) // TILE_HEIGHT + 1):
-                    tile = row * columns + column
-                    k = cursor[tile]
-                    cursor[tile] += 1
-                    entry_splats[k], entry_slots[k] = i, slot
-                    first, last = max(low - row * TILE_HEIGHT, 0), min(high - row * TILE_HEIGHT, TILE_HEIGHT)
-                    entry_rows[k, 0] = first // ROWS_AT_ONCE * ROWS_AT_ONCE
-                    entry_rows[k, 1] = -(-last // ROWS_AT_ONCE) * ROWS_AT_ONCE
-                    slot += 1
-            column += 1
+    for chunk in range(first_task, last_task):
+        cursor, slot = first_entries[chunk], first_slots[chunk]
+        for i in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(screen))):
+            column, _ = tile_columns(screen[i], columns)
+            slot_starts[order[i]] = slot
+            for strip in range(starts[i], starts[i + 1]):
+                low, high = strips[strip, 0], strips[strip, 1]
+                if high > low:
+                    for row in range(low // TILE_HEIGHT, (high - 1) // TILE_HEIGHT + 1):
+                        tile = row * columns + column
+                        k = cursor[tile]
+                        cursor[tile] += 1
+                        entry_splats[k], entry_slots[k] = i, slot
+                        first, last = max(low - row * TILE_HEIGHT, 0), min(high - row * TILE_HEIGHT, TILE_HEIGHT)
+                        entry_rows[k, 0] = first // ROWS_AT_ONCE * ROWS_AT_ONCE
+                        entry_rows[k, 1] = -(-last // ROWS_AT_ONCE) * ROWS_AT_ONCE
+                        slot += 1
+                column += 1

@@ -109,6 +109,17 @@ class DrawingGradient:
     means: Float32Array
 
 
+def in_view(centers: Float32Array, log_scales: Float32Array, view: View) -> npt.NDArray[np.int64]:
+    """Return the rows of the splats that a view may show, in order: a few that it doesn't are among them."""
+    count = len(centers)
+    marks = np.empty(count, np.bool_)
+    run_shares(
+        projection.mark_in_view, -(-count // projection.BLOCK), count,
+        centers, log_scales, view.camera_from_world, view.intrinsics, marks,
+    )  # fmt: skip
+    return np.flatnonzero(marks)
+
+
 def draw(splats: Splats, view: View, background: Float32Array, frames: Float32Array = NO_FRAMES) -> Drawing:
     """Project, colour, sort, bin and composite; `frames` turn the harmonics of splats that have moved."""
     count = len(splats.centers)
@@ -139,12 +150,21 @@ def list_tiles(screen: Float32Array, view: View) -> TileLists:
     strip_starts = binning.strip_starts(ordered, columns)
     strips = np.empty((strip_starts[-1], 2), np.int32)
     run_shares(binning.clip_strips, drawn, drawn, ordered, columns, view.size[0], strip_starts, strips)
-    counts = np.zeros(rows * columns, np.int64)
-    slot_starts, slot_counts = np.zeros(len(screen), np.int32), np.zeros(len(screen), np.int32)
-    total = binning.count_entries(ordered, order, columns, strip_starts, strips, counts, slot_starts, slot_counts)
-    starts = np.concatenate([[0], np.cumsum(counts)])
+    chunks = -(-drawn // binning.CHUNK)
+    counts, slot_counts = np.zeros((chunks, rows * columns), np.int64), np.zeros(len(screen), np.int32)
+    run_shares(
+        binning.count_entries, chunks, drawn, ordered, order, columns, strip_starts, strips, counts, slot_counts
+    )  # fmt: skip
+    starts = np.concatenate([[0], np.cumsum(counts.sum(axis=0))])
+    first_slots = np.concatenate([[0], np.cumsum(counts.sum(axis=1))])
+    first_entries = starts[:-1] + np.cumsum(counts, axis=0) - counts
+    total = int(starts[-1])
     splats, reached, slots = np.empty(total, np.int32), np.empty((total, 2), np.uint8), np.empty(total, np.int32)
-    binning.fill_entries(ordered, columns, strip_starts, strips, starts, splats, reached, slots)
+    slot_starts = np.zeros(len(screen), np.int32)
+    run_shares(
+        binning.fill_entries, chunks, drawn,
+        ordered, order, columns, strip_starts, strips, first_entries, first_slots, splats, reached, slots, slot_starts,
+    )  # fmt: skip
     return TileLists(order, ordered, starts, splats, reached, slots, slot_starts, slot_counts)
 
 
@@ -157,7 +177,7 @@ def composite(
     processed = np.empty(len(lists.starts) - 1, np.int64)
     run_shares(
         compositing.composite, len(processed), view.pixel_count,
-        view.tiles[1], lists.screen, paint[lists.order], lists.starts, lists.splats, lists.rows,
+        view.tiles[1], lists.screen, np.take(paint, lists.order, axis=0), lists.starts, lists.splats, lists.rows,
         background, image, transmittance, taken, processed,
     )  # fmt: skip
     return image, transmittance, taken, processed
@@ -172,7 +192,7 @@ def composite_backward(
     moments = np.empty((len(lists.splats), compositing.MOMENT_COLUMNS), np.float32)
     run_shares(
         compositing.composite_backward, len(drawing.processed), view.pixel_count,
-        view.tiles[1], lists.screen, paint[lists.order], lists.starts, lists.splats, lists.rows,
+        view.tiles[1], lists.screen, np.take(paint, lists.order, axis=0), lists.starts, lists.splats, lists.rows,
         lists.slots, drawing.processed, background, drawing.transmittance, drawing.taken, d_image, d_transmittance,
         moments,
     )  # fmt: skip

@@ -48,23 +48,36 @@ class Adam:
     steps: Tensor = field(default_factory=lambda: torch.zeros(0, dtype=torch.int32))
 
     def step(
-        self, raw: RawTensors, leaves: RawTensors, pulls: Tensor, rates: dict[str, float], pressure: Pressure
+        self,
+        raw: RawTensors,
+        rows: Tensor,
+        leaves: RawTensors,
+        pulls: Tensor,
+        rates: dict[str, float],
+        pressure: Pressure,
     ) -> None:
-        """Move the splats that pixels pull at (splat, 2) along the gradients of their `leaves`, in place.
+        """Move those rows (row,) of the splats that pixels pull at (row, 2) along the gradients of `leaves`, in place.
 
-        Leaves are what was drawn, by the same names: scales and opacities rather than what they are made of.
+        Leaves are what was drawn of the rows, by the same names: scales and opacities rather than what they are made
+        of.
         """
+        count = len(raw["logits"])
         if not self.mean:
             self.mean = {name: torch.zeros_like(tensor) for name, tensor in raw.items()}
             self.square = {name: torch.zeros_like(tensor) for name, tensor in raw.items()}
-            self.steps = torch.zeros(len(pulls), dtype=torch.int32)
+            self.steps = torch.zeros(count, dtype=torch.int32)
         numbers = [tuple(map(_flat, (raw[name], self.mean[name], self.square[name]))) for name in NAMES]
         gradients = tuple(_flat(leaves[name].grad) for name in NAMES)  # type: ignore[arg-type]  # all were drawn
         run_shares(
             kernels.step_splats, -(-len(pulls) // kernels.BLOCK), len(pulls),
-            pulls.numpy(), self.steps.numpy(), _flat(leaves["log_scales"]), _flat(leaves["logits"]),
-            np.array(list(rates.values()), np.float32), pressure.numbers(len(pulls)), *numbers, gradients,
+            rows.numpy(), pulls.numpy(), self.steps.numpy(), _flat(leaves["log_scales"]), _flat(leaves["logits"]),
+            np.array(list(rates.values()), np.float32), pressure.numbers(count), *numbers, gradients,
         )  # fmt: skip
+
+    def colour_gradients(self) -> Tensor:
+        """Return the root mean square of the gradient of each splat's constant colour (splat,) where it was shown."""
+        counted = 1 - kernels.SECOND_DECAY ** self.steps.clamp_min(1).float()
+        return (self.square["harmonics"][:, 0].sum(dim=1) / counted).sqrt()
 
     def forget(self, replaced: Tensor, added: int) -> None:
         """Zero the moments of replaced rows and append zero rows for added ones."""

@@ -40,9 +40,9 @@ def adam(numbers, first, gradient, given, count, pace, widen):
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def add_shape_gradient(gradient, scales, s, pressure):
+def add_shape_gradient(gradient, scales, row, pressure):
     """Add, by the logarithms of the scales, the gradient of `anisotropy_loss` and of the size."""
-    first, largest, smallest = 3 * s, 3 * s, 3 * s
+    first, largest, smallest = 3 * row, 3 * row, 3 * row
     for i in range(first, first + 3):
         gradient[i] = gradient[i] * scales[i] + pressure[SIZE_WEIGHT] * scales[i]
         if scales[i] > scales[largest]:
@@ -57,7 +57,7 @@ def add_shape_gradient(gradient, scales, s, pressure):
 
 @njit(nogil=True, fastmath={"contract", "arcp"}, cache=True, error_model="numpy")
 def step_splats(
-    first_task, last_task, pulls, steps, scales, opacities, rates, pressure,
+    first_task, last_task, rows, pulls, steps, scales, opacities, rates, pressure,
     centers, rotations, log_scales, logits, harmonics, gradients,
 ):  # fmt: skip
     """Move the splats of blocks whose pixels pull at them.
@@ -65,10 +65,11 @@ def step_splats(
     Args:
         first_task: the first block.
         last_task: one past the last block.
-        pulls: (splat, 2), sums of |gradients|: 0 where a splat is not seen.
+        rows: (row,), the splats that were drawn.
+        pulls: (row, 2), sums of |gradients|: 0 where a splat is not seen.
         steps: (splat,), how often each was moved, counted up here.
-        scales: (3 splats,), exp of the log-scales.
-        opacities: (splat,), of the logits.
+        scales: (3 rows,), exp of the log-scales.
+        opacities: (row,), of the logits.
         rates: (6,), of the five, in two for the harmonics: the constant one and the others.
         pressure: (6,), see ANISOTROPY_WEIGHT.
         centers: values, means and squares, flat (3 splats,).
@@ -76,25 +77,26 @@ def step_splats(
         log_scales: likewise (3 splats,).
         logits: likewise (splat,).
         harmonics: likewise (3 terms splats,).
-        gradients: by centre, rotation, scale, opacity and the first harmonics, flat; overwritten.
+        gradients: by centre, rotation, scale, opacity and the first harmonics of each row, flat; overwritten.
     """
     d_centers, d_rotations, d_scales, d_opacities, d_harmonics = gradients
-    count = len(steps)
-    terms, given = len(harmonics[0]) // count, len(d_harmonics) // count
-    for s in range(first_task * BLOCK, min(last_task * BLOCK, count)):
-        if pulls[s, 0] == 0 and pulls[s, 1] == 0:
+    count = len(rows)
+    terms, given = len(harmonics[0]) // len(steps), len(d_harmonics) // max(count, 1)
+    for row in range(first_task * BLOCK, min(last_task * BLOCK, count)):
+        if pulls[row, 0] == 0 and pulls[row, 1] == 0:
             continue
+        s = rows[row]
         steps[s] += 1
         shrink = np.float32(1 / (1 - FIRST_DECAY ** steps[s]))
         widen = np.float32(1 / math.sqrt(1 - SECOND_DECAY ** steps[s]))
-        add_shape_gradient(d_scales, scales, s, pressure)
-        opacity = opacities[s]
-        d_opacities[s] = (d_opacities[s] + pressure[OPACITY_WEIGHT]) * opacity * (np.float32(1) - opacity)
-        adam(centers, 3 * s, d_centers, 3 * s, 3, rates[0] * shrink, widen)
-        adam(rotations, 4 * s, d_rotations, 4 * s, 4, rates[1] * shrink, widen)
-        adam(log_scales, 3 * s, d_scales, 3 * s, 3, rates[2] * shrink, widen)
-        adam(logits, s, d_opacities, s, 1, rates[3] * shrink, widen)
-        adam(harmonics, terms * s, d_harmonics, given * s, 3, rates[4] * shrink, widen)
-        adam(harmonics, terms * s + 3, d_harmonics, given * s + 3, given - 3, rates[5] * shrink, widen)
+        add_shape_gradient(d_scales, scales, row, pressure)
+        opacity = opacities[row]
+        d_opacities[row] = (d_opacities[row] + pressure[OPACITY_WEIGHT]) * opacity * (np.float32(1) - opacity)
+        adam(centers, 3 * s, d_centers, 3 * row, 3, rates[0] * shrink, widen)
+        adam(rotations, 4 * s, d_rotations, 4 * row, 4, rates[1] * shrink, widen)
+        adam(log_scales, 3 * s, d_scales, 3 * row, 3, rates[2] * shrink, widen)
+        adam(logits, s, d_opacities, row, 1, rates[3] * shrink, widen)
+        adam(harmonics, terms * s, d_harmonics, given * row, 3, rates[4] * shrink, widen)
+        adam(harmonics, terms * s + 3, d_harmonics, given * row + 3, given - 3, rates[5] * shrink, widen)
         for i in range(3 * s, 3 * s + 3):
             log_scales[0][i] = min(max(log_scales[0][i], pressure[LOWEST]), pressure[HIGHEST])

@@ -26,6 +26,8 @@ LOW_PASS = 0.3
 NEAR = 0.2
 SMALLEST_ALPHA = 1.0 / 255.0
 FRUSTUM_MARGIN = 0.3
+# What rounding may add to a bound, px.
+BOUND_MARGIN = 0.01
 
 # Splats of one task.
 BLOCK = 256
@@ -174,6 +176,26 @@ def dim_block(scratch, count):
     """Take the opacity that the low-pass adds off again."""
     for i in range(count):
         scratch[i + 10 * BLOCK] += 0.5 * math.log(scratch[i + 15 * BLOCK] / scratch[i + 14 * BLOCK])
+
+
+@njit(nogil=True, cache=True, error_model="numpy", fastmath=CONTRACT)
+def mark_in_view(first_task, last_task, centers, log_scales, camera_from_world, intrinsics, marks):
+    """Mark (splat,) what `project` can find visible, by bounds: the largest scale all round, and opacity 1."""
+    pose, lens = pose_numbers(camera_from_world), lens_numbers(intrinsics)
+    reach = -2 * math.log(SMALLEST_ALPHA)
+    for s in range(first_task * BLOCK, min(last_task * BLOCK, len(centers))):
+        x, y, z = camera_point(centers[s, 0], centers[s, 1], centers[s, 2], pose)
+        if z <= NEAR:
+            marks[s] = False
+            continue
+        largest = math.exp(2 * max(log_scales[s, 0], log_scales[s, 1], log_scales[s, 2]))
+        slope_x, slope_y = min(max(x / z, lens[6]), lens[7]), min(max(y / z, lens[8]), lens[9])
+        u, v = lens[0] * (x / z) + lens[2], lens[1] * (y / z) + lens[3]
+        pace_x, pace_y = lens[0] / z, lens[1] / z
+        extent_x = math.sqrt(reach * (largest * pace_x * pace_x * (1 + slope_x * slope_x) + LOW_PASS)) + BOUND_MARGIN
+        extent_y = math.sqrt(reach * (largest * pace_y * pace_y * (1 + slope_y * slope_y) + LOW_PASS)) + BOUND_MARGIN
+        across, down = abs(u - 0.5 * lens[4]) - 0.5 * lens[4], abs(v - 0.5 * lens[5]) - 0.5 * lens[5]
+        marks[s] = across < extent_x and down < extent_y
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -22,9 +22,9 @@ class TorchSplats(Reconstructor):
     name: ClassVar[str] = "gs_torch"
     backend: ClassVar[tuple[str, ...]] = ("torch", "numba", "scipy")
 
-    iterations: int = Field(default=2500, ge=1, le=1_000_000, description="photographs shown, one per iteration")
+    iterations: int = Field(default=2000, ge=1, le=1_000_000, description="photographs shown, one per iteration")
     splat_budget: int = Field(
-        default=250_000, ge=100, le=10_000_000, description="most splats that densification makes"
+        default=300_000, ge=100, le=10_000_000, description="most splats that densification makes"
     )
     start_share: float = Field(
         default=0.75,
@@ -99,10 +99,10 @@ class TorchSplats(Reconstructor):
         "lets no splat stand before it, and leaves it out of every measure; 'keep' trains it as if it were ground",
     )
     opaque_weight: float = Field(
-        default=0.05,
+        default=0.02,
         ge=0,
-        description="weight in the loss of the mean share of light that passes all splats: without it the ground stays "
-        "translucent where the background has the right colour",
+        description="weight in the loss of the mean share of light that passes all splats, beyond a twentieth: without "
+        "it the ground stays translucent where the background has the right colour",
     )
 
     def reconstruct(self, survey: Survey, context: Context) -> SplatCloud:

@@ -12,6 +12,7 @@ from slideframe.errors import StageFailed
 from slideframe.products import Survey
 from slideframe.stages import Context
 from slideframe_gs_torch import checkpoint
+from slideframe_gs_torch.allocator import freed_memory_kept
 from slideframe_gs_torch.checkpoint import State
 from slideframe_gs_torch.densification import Densifier, densifier
 from slideframe_gs_torch.exposure import Exposures
@@ -29,11 +30,11 @@ if TYPE_CHECKING:
 
 # Steps for each photograph that shows a splat; positions in scene extents, falling a hundredfold by the end. They are
 # far bolder than those of Kerbl et al. 2023, whose training is ten times as long.
-CENTER_RATE, CENTER_DECAY = 2.4e-3, 0.01
+CENTER_RATE, CENTER_DECAY = 1.7e-3, 0.01
 # The others fall to a tenth over the last part: until then what a step adds to the error hardly matters, in the end it
 # would show as half a decibel of noise.
 SETTLING_FROM, SETTLED_RATE = 0.6, 0.1
-RATES = {"rotations": 8e-3, "log_scales": 8e-2, "logits": 0.16, "constant": 8e-2, "view_dependent": 4e-3}
+RATES = {"rotations": 6e-3, "log_scales": 6e-2, "logits": 0.12, "constant": 6e-2, "view_dependent": 3e-3}
 # Shares of the iterations at which the picture has a quarter and a half of its width.
 QUARTER_UNTIL, HALF_UNTIL = 0.15, 0.4
 # A splat's largest scale, in scene extents: beyond it lies a curtain behind the scene, not the ground.
@@ -47,6 +48,9 @@ CLEAR_EVERY = 100
 INVISIBLE_LOGIT = -12.0
 # Weight in the loss of the mean share of light that splats keep off the sky.
 CLEAR_WEIGHT = 0.3
+# Share of the light that may pass all splats: nobody sees it, and ground that few splats show would be blurred to stop
+# the last of it.
+TOLERATED_LIGHT = 0.05
 CHECKPOINT_EVERY = 200
 REPORT_EVERY = 10
 
@@ -79,7 +83,8 @@ def train(options: "TorchSplats", scene: Scene, measure: HeldOut, previews: Prev
     )
     if fresh:
         growth.start(state)
-    optimise(options, scene, state, growth, measure, previews, context)
+    with freed_memory_kept():
+        optimise(options, scene, state, growth, measure, previews, context)
     previews.show_last(state, context)
     return state
 
@@ -133,8 +138,9 @@ def descend(
         StageFailed: the loss or a gradient is not a number.
     """
     share = state.iteration / options.iterations
-    leaves = state.parameters.leaves(active_degree(options.harmonics_degree, share))
-    pulls = torch.zeros(len(state.parameters), 2)
+    rows = state.parameters.in_view(view)
+    leaves = state.parameters.leaves(rows, active_degree(options.harmonics_degree, share))
+    pulls = torch.zeros(len(rows), 2)
     raster = rasterize(
         *leaves.values(),
         camera=view.camera,
@@ -152,10 +158,10 @@ def descend(
         options.anisotropy_weight, options.anisotropy_limit, opacity_weight, size_weight,
         SMALLEST_SHARE * extent, LARGEST_SHARE * extent,
     )  # fmt: skip
-    state.adam.step(state.parameters.raw, leaves, pulls, rates(share, extent), pressure)
+    state.adam.step(state.parameters.raw, rows, leaves, pulls, rates(share, extent), pressure)
     if correction.grad is not None:
         state.exposures.step(view.index, correction.grad)
-    growth.observe(state, pulls, view.camera.width)
+    growth.observe(state, rows, pulls, view.camera.width)
     return float(loss.detach())
 
 
@@ -172,7 +178,7 @@ def photograph_loss(
     if options.exposure_correction:
         loss = loss + exposures.regularisation(correction)
     if options.opaque_weight > 0:
-        passed = 1 - raster.alpha
+        passed = (1 - TOLERATED_LIGHT - raster.alpha).clamp_min(0)
         loss = loss + options.opaque_weight * (passed if view.mask is None else passed * view.mask).mean()
     if view.sky is not None:
         loss = loss + CLEAR_WEIGHT * (raster.alpha * view.sky).mean()

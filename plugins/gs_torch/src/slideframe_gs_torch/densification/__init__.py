@@ -22,8 +22,8 @@ class Densifier(Protocol):
     def pressure(self) -> tuple[float, float]:
         """Return the weights in the loss of the mean opacity and of the mean scale, the latter per metre."""
 
-    def observe(self, state: State, screen_gradients: Tensor, width: int) -> None:
-        """Take note of the gradients (splat, 2), per px, of the centres in a picture of that width in px."""
+    def observe(self, state: State, rows: Tensor, screen_gradients: Tensor, width: int) -> None:
+        """Take note of the gradients (row, 2), per px, of those splats' centres in a picture of that width in px."""
 
     def after_step(self, state: State, center_rate: float) -> None:
         """Change the state after an iteration whose step of positions was `center_rate`, m."""

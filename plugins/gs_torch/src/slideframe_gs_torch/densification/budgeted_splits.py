@@ -11,8 +11,10 @@ from slideframe_gs_torch.optimiser import Adam
 from slideframe_gs_torch.parameters import Parameters
 from slideframe_gs_torch.reference import rotation_matrices
 
-# Fainter splats are taken away and put to use elsewhere.
-DEAD_OPACITY = 0.02
+# Fainter splats are taken away and put to use elsewhere, and so is this share of all in each round: those whose colour
+# matters least to the photographs, which lie under others or show less than a pixel. They are judged once as many
+# photographs have shown them.
+DEAD_OPACITY, IDLE_SHARE, FEWEST_SHOWN = 0.02, 0.05, 15
 # Weight of the mean opacity in the loss.
 OPACITY_WEIGHT = 0.005
 # A split puts two children at +-0.8 sigma of the longest axis, each 0.6 sigma long there: 0.8^2 + 0.6^2 = 1
@@ -30,17 +32,21 @@ class Schedule:
     start_count: int
     budget: int
 
-    FIRST_SHARE, LAST_SHARE, ROUNDS = 0.05, 0.6, 25
+    FIRST_SHARE, LAST_SHARE, ROUNDS = 0.05, 0.6, 12
 
     @property
     def interval(self) -> int:
         """Iterations between two rounds."""
         return max(1, round((self.LAST_SHARE - self.FIRST_SHARE) * self.iterations / self.ROUNDS))
 
+    @property
+    def last(self) -> float:
+        """Iteration after which splats are split no more."""
+        return self.LAST_SHARE * self.iterations
+
     def is_due(self, iteration: int) -> bool:
         """Whether splats are split after this iteration, which counts from 0."""
-        first, last = self.FIRST_SHARE * self.iterations, self.LAST_SHARE * self.iterations
-        return first <= iteration <= last and iteration % self.interval == 0
+        return self.FIRST_SHARE * self.iterations <= iteration <= self.last and iteration % self.interval == 0
 
     def target(self, iteration: int) -> int:
         """Return the number of splats aimed at: geometric growth from the start to the budget."""
@@ -63,9 +69,11 @@ class BudgetedSplits:
         """Let opacity fade that the picture doesn't ask for: floaters vanish and are put to use elsewhere."""
         return OPACITY_WEIGHT, 0.0
 
-    def observe(self, state: State, screen_gradients: Tensor, width: int) -> None:
+    def observe(self, state: State, rows: Tensor, screen_gradients: Tensor, width: int) -> None:
         """Keep each splat's largest gradient, per px of the whole photograph, so that reduced views weigh the same."""
-        state.score = torch.maximum(state.score, screen_gradients.norm(dim=1) * width)
+        if state.iteration <= self._schedule.last:
+            pull = torch.hypot(screen_gradients[:, 0], screen_gradients[:, 1]) * width
+            state.score[rows] = torch.maximum(state.score.index_select(0, rows), pull)
 
     def after_step(self, state: State, center_rate: float) -> None:
         """Split where a round is due."""
@@ -77,12 +85,12 @@ class BudgetedSplits:
 
 
 def densify(parameters: Parameters, adam: Adam, score: Tensor, target: int) -> Parameters:
-    """Split the splats with the highest scores (splat,); dead ones make room first, new rows follow."""
+    """Split the splats with the highest scores (splat,); useless ones make room first, new rows follow."""
     raw = dict(parameters.raw)
-    opacities = raw["logits"].sigmoid()
-    dead = torch.nonzero(opacities < DEAD_OPACITY)[:, 0]
+    useless = (raw["logits"].sigmoid() < DEAD_OPACITY) | idle(adam, len(parameters))
+    dead = torch.nonzero(useless)[:, 0]
     wanted = max(target - len(parameters), 0) + len(dead)
-    candidates = torch.where(opacities < DEAD_OPACITY, -1.0, score)
+    candidates = torch.where(useless, -1.0, score)
     ranked = torch.argsort(candidates, descending=True, stable=True)
     parents = ranked[: min(wanted, int((candidates > 0).sum()))]
     into_dead = dead[: len(parents)]
@@ -94,6 +102,14 @@ def densify(parameters: Parameters, adam: Adam, score: Tensor, target: int) -> P
         raw[name] = torch.cat([tensor, second[name][len(into_dead) :]])
     adam.forget(torch.cat([parents, into_dead]), added)
     return Parameters(raw)
+
+
+def idle(adam: Adam, count: int) -> Tensor:
+    """Tell of each splat (splat,) whether it is among those whose colour matters least."""
+    if not adam.square:
+        return torch.zeros(count, dtype=torch.bool)
+    weights = torch.where(adam.steps >= FEWEST_SHOWN, adam.colour_gradients(), torch.inf)
+    return weights < weights.kthvalue(1 + int(IDLE_SHARE * count)).values
 
 
 def split(raw: dict[str, Tensor], parents: Tensor) -> tuple[dict[str, Tensor], dict[str, Tensor]]:

@@ -43,11 +43,11 @@ class CloneAndSplit:
         """Add nothing."""
         return 0.0, 0.0
 
-    def observe(self, state: State, screen_gradients: Tensor, width: int) -> None:
+    def observe(self, state: State, rows: Tensor, screen_gradients: Tensor, width: int) -> None:
         """Add up gradients in normalised device coordinates, and pictures."""
         found = screen_gradients.norm(dim=1) * (width / 2)
-        state.score[:, 0] += found
-        state.score[:, 1] += found > 0
+        state.score[rows, 0] += found
+        state.score[rows, 1] += found > 0
 
     def after_step(self, state: State, center_rate: float) -> None:
         """Clone, split and take away where a round is due; reset opacities where that is."""

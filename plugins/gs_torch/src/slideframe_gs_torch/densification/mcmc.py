@@ -45,7 +45,7 @@ class MarkovChain:
         """Let opacities and sizes fade that the picture doesn't ask for."""
         return OPACITY_WEIGHT, SCALE_WEIGHT / self._extent
 
-    def observe(self, state: State, screen_gradients: Tensor, width: int) -> None:
+    def observe(self, state: State, rows: Tensor, screen_gradients: Tensor, width: int) -> None:
         """Gradients play no part."""
 
     def after_step(self, state: State, center_rate: float) -> None:
