@@ -35,7 +35,7 @@ VARIANTS = {
     "exposure": {"exposure_correction": True},
     "depth": {"depth_weight": 0.1},
     "two blocks": {"blocks": 2},
-    "opaque_weight 0.01": {"opaque_weight": 0.01},
+    "opaque_weight 0": {"opaque_weight": 0.0},
     "opaque_weight 0.1": {"opaque_weight": 0.1},
 }
 LIMIT = 3.0

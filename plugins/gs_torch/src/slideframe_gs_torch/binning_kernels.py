@@ -12,8 +12,8 @@ from slideframe_gs_torch.projection_kernels import DEPTH, EXTENT_X, EXTENT_Y, HA
 TILE_WIDTH, TILE_HEIGHT = 8, 32
 ROWS_AT_ONCE = 2
 RADIX_BITS = 11
-# Splats of one task, where tasks keep the order of depth.
-CHUNK = 8192
+# Where tasks keep the order of depth each is a run of splats: at least so many, and at most so many runs.
+SHORTEST_RUN, MOST_RUNS = 8192, 64
 # Rows are clipped outside the ellipse by this much, since its numbers are float32: px, and a share of its height.
 CLIP_MARGIN, CLIP_SHARE = 0.01, 5e-4
 
@@ -103,12 +103,13 @@ def clip_strips(first_task, last_task, screen, columns, height, starts, strips):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def count_entries(first_task, last_task, screen, order, columns, starts, strips, tile_counts, slot_counts):
-    """Count the splats of each tile, and the tiles of each splat. A task is a run of CHUNK splats.
+def count_entries(first_task, last_task, length, screen, order, columns, starts, strips, tile_counts, slot_counts):
+    """Count the splats of each tile, and the tiles of each splat. A task is a run of `length` splats.
 
     Args:
         first_task: the first run.
         last_task: one past the last run.
+        length: splats of a run.
         screen: (drawn, SCREEN_COLUMNS), near to far.
         order: (drawn,), which splat each row of `screen` is.
         columns: tiles in a row.
@@ -117,15 +118,15 @@ def count_entries(first_task, last_task, screen, order, columns, starts, strips,
         tile_counts: (run, tile), zero, out.
         slot_counts: (splat,), zero, out.
     """
-    for chunk in range(first_task, last_task):
-        for i in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(screen))):
+    for run in range(first_task, last_task):
+        for i in range(run * length, min((run + 1) * length, len(screen))):
             column, _ = tile_columns(screen[i], columns)
             slots = 0
             for strip in range(starts[i], starts[i + 1]):
                 if strips[strip, 1] > strips[strip, 0]:
                     first, last = strips[strip, 0] // TILE_HEIGHT, (strips[strip, 1] - 1) // TILE_HEIGHT
                     for row in range(first, last + 1):
-                        tile_counts[chunk, row * columns + column] += 1
+                        tile_counts[run, row * columns + column] += 1
                     slots += last + 1 - first
                 column += 1
             slot_counts[order[i]] = slots
@@ -133,14 +134,15 @@ def count_entries(first_task, last_task, screen, order, columns, starts, strips,
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def fill_entries(
-    first_task, last_task, screen, order, columns, starts, strips, first_entries, first_slots,
+    first_task, last_task, length, screen, order, columns, starts, strips, first_entries, first_slots,
     entry_splats, entry_rows, entry_slots, slot_starts,
 ):  # fmt: skip
-    """Write every tile's splats, near to far. A task is a run of CHUNK splats.
+    """Write every tile's splats, near to far. A task is a run of `length` splats.
 
     Args:
         first_task: the first run.
         last_task: one past the last run.
+        length: splats of a run.
         screen: (drawn, SCREEN_COLUMNS), near to far.
         order: (drawn,), which splat each row of `screen` is.
         columns: tiles in a row.
@@ -153,9 +155,9 @@ def fill_entries(
         entry_slots: (entry,), out, where the entry's gradient goes; a splat's slots are adjacent.
         slot_starts: (splat,), zero, out, where each splat's slots start.
     """
-    for chunk in range(first_task, last_task):
-        cursor, slot = first_entries[chunk], first_slots[chunk]
-        for i in range(chunk * CHUNK, min((chunk + 1) * CHUNK, len(screen))):
+    for run in range(first_task, last_task):
+        cursor, slot = first_entries[run], first_slots[run]
+        for i in range(run * length, min((run + 1) * length, len(screen))):
             column, _ = tile_columns(screen[i], columns)
             slot_starts[order[i]] = slot
             for strip in range(starts[i], starts[i + 1]):

@@ -150,10 +150,11 @@ def list_tiles(screen: Float32Array, view: View) -> TileLists:
     strip_starts = binning.strip_starts(ordered, columns)
     strips = np.empty((strip_starts[-1], 2), np.int32)
     run_shares(binning.clip_strips, drawn, drawn, ordered, columns, view.size[0], strip_starts, strips)
-    chunks = -(-drawn // binning.CHUNK)
-    counts, slot_counts = np.zeros((chunks, rows * columns), np.int64), np.zeros(len(screen), np.int32)
+    length = max(binning.SHORTEST_RUN, -(-drawn // binning.MOST_RUNS))
+    runs = -(-drawn // length)
+    counts, slot_counts = np.zeros((runs, rows * columns), np.int64), np.zeros(len(screen), np.int32)
     run_shares(
-        binning.count_entries, chunks, drawn, ordered, order, columns, strip_starts, strips, counts, slot_counts
+        binning.count_entries, runs, drawn, length, ordered, order, columns, strip_starts, strips, counts, slot_counts
     )  # fmt: skip
     starts = np.concatenate([[0], np.cumsum(counts.sum(axis=0))])
     first_slots = np.concatenate([[0], np.cumsum(counts.sum(axis=1))])
@@ -162,8 +163,9 @@ def list_tiles(screen: Float32Array, view: View) -> TileLists:
     splats, reached, slots = np.empty(total, np.int32), np.empty((total, 2), np.uint8), np.empty(total, np.int32)
     slot_starts = np.zeros(len(screen), np.int32)
     run_shares(
-        binning.fill_entries, chunks, drawn,
-        ordered, order, columns, strip_starts, strips, first_entries, first_slots, splats, reached, slots, slot_starts,
+        binning.fill_entries, runs, drawn,
+        length, ordered, order, columns, strip_starts, strips, first_entries, first_slots,
+        splats, reached, slots, slot_starts,
     )  # fmt: skip
     return TileLists(order, ordered, starts, splats, reached, slots, slot_starts, slot_counts)
 

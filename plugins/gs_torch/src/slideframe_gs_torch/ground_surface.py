@@ -18,7 +18,8 @@ OUTLIER_NEIGHBOURS, OUTLIER_DEVIATIONS = 20, 6.0
 NODES, BEYOND_SHARE = 96, 0.35
 # Rays that fall less than this per metre meet the ground too far away to say where.
 LEAST_FALL = 0.05
-# Steps towards where a ray meets the ground; each leaves less than half of the way where the ground is no steeper.
+# Steps towards where a ray meets the ground: by this share of what is missing to the height below, since whole steps
+# would overshoot where the ground rises as steeply as the ray falls.
 STEPS, STEP_SHARE = 12, 0.6
 
 
