@@ -1,6 +1,6 @@
 # Everything a fresh Debian or Ubuntu with Python >= 3.11 needs. Both main targets do all set-up themselves.
 #
-#   make demo    the embedded demo, photographs to film        about 5 minutes on two cores
+#   make demo    the embedded demo, photographs to film        5 to 6 minutes on two cores
 #   make test    linters, types, contracts and all tests       about 12 minutes on two cores
 
 SHELL := /bin/bash
@@ -13,7 +13,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 .PHONY: demo test setup system-libraries lint format clean
 
 demo: setup
-	@echo "== demo: a synthetic drone survey of a slope, photographs to film (about 5 minutes on two cores) =="
+	@echo "== demo: a synthetic drone survey of a slope, photographs to film (5 to 6 minutes on two cores) =="
 	$(BIN)/slideframe run --solver mpm_warp
 
 test: setup lint

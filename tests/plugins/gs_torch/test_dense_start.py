@@ -7,7 +7,14 @@ import pytest
 import torch
 
 from slideframe.products import Camera, Georeference, Photograph, Survey
-from slideframe_gs_torch.dense_start import ViewDepths, cells_with_points, dense_points, points_in_empty_cells
+from slideframe_gs_torch.dense_start import (
+    ViewDepths,
+    cells_with_points,
+    dense_points,
+    pixel_rays,
+    points_in_empty_cells,
+)
+from slideframe_gs_torch.ground_surface import GroundSurface
 from slideframe_gs_torch.views import TrainingView
 
 CAMERA = Camera(width=64, height=48, focal_x=50.0, focal_y=50.0, principal_x=30.0, principal_y=25.0)
@@ -55,6 +62,22 @@ def test_points_lie_on_sloping_ground_also_beyond_the_sparse_ones(reach):
     red = colours[200:, 0] > 0.5
     assert 0.2 < red.mean() < 0.8
     assert np.abs(colours[200:].sum(axis=1) - 1).max() < 1e-5
+
+
+def test_beyond_a_view_s_points_the_ground_goes_on_as_the_whole_survey_knows_it():
+    """A valley: the plane that fits one photograph's points best cuts through its far side."""
+    plan = np.random.default_rng(0).uniform((-4, -4), (7, 4), (1500, 2))
+    valley = np.column_stack([plan, 0.1 * plan[:, 0] ** 2]).astype(np.float32)
+    near = valley[valley[:, 0] < 1]  # of the points, the view knows those of one side
+    places = np.column_stack([np.linspace(40, 60, 20), np.full(20, 25.0)])
+    rays = pixel_rays(places, CAMERA) @ looking_down(0.0)[:, :3].T
+    errors = {}
+    for ground in (None, GroundSurface.of(valley)):
+        depths = ViewDepths.of(near, view(), ground)
+        assert depths is not None
+        found = looking_down(0.0)[:, 3] + depths.at(places)[:, None] * rays
+        errors[ground is not None] = np.abs(found[:, 2] - 0.1 * found[:, 0] ** 2).max()
+    assert errors[True] < 0.1 < 0.3 < errors[False]
 
 
 def test_every_cell_of_a_view_shows_a_point_and_none_gets_a_second():

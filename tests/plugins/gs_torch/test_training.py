@@ -13,8 +13,11 @@ from slideframe.products import Camera, Georeference, Photograph, SplatCloud, Su
 from slideframe.rotations import rotation_matrices
 from slideframe.stages import Context
 from slideframe_gs_torch import training
+from slideframe_gs_torch.checkpoint import State
+from slideframe_gs_torch.densification import densifier
 from slideframe_gs_torch.densification.budgeted_splits import FEWEST_SHOWN, Schedule, densify
 from slideframe_gs_torch.evaluation import draw_view
+from slideframe_gs_torch.exposure import Exposures
 from slideframe_gs_torch.optimiser import Adam
 from slideframe_gs_torch.parameters import Parameters
 from slideframe_gs_torch.reconstructor import TorchSplats
@@ -339,6 +342,20 @@ def test_densification_takes_the_highest_scores_and_the_dead_make_room():
     assert len(grown) == 7
     changed = (grown.raw["centers"][:6] != before["centers"]).any(dim=1)
     assert changed.tolist() == [False, True, False, True, True, False]
+
+
+@pytest.mark.parametrize("way", ["budgeted_splits", "mcmc", "clone_and_split"])
+def test_a_photograph_that_shows_no_splat_moves_none(way):
+    beyond = np.column_stack([np.eye(3), [0.0, 0.0, 500.0]])
+    away = TrainingView("", torch.zeros(3, 72, 96, dtype=torch.uint8), None, CAMERA, beyond)
+    parameters = parameters_of(50)
+    state = State(parameters, Adam(), torch.zeros(50), 50, Exposures.of(1))
+    growth = densifier(way, 1000, 50, 100, 10.0, 0)
+    growth.start(state)
+    before = {name: tensor.clone() for name, tensor in parameters.raw.items()}
+    assert not len(parameters.in_view(away))
+    assert training.descend(OPTIONS, away, SKY, state, growth, 10.0) > 0
+    assert all(torch.equal(parameters.raw[name], tensor) for name, tensor in before.items())
 
 
 def test_splats_whose_colour_matters_least_make_room_once_enough_photographs_have_shown_them():

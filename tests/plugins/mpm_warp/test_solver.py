@@ -139,37 +139,3 @@ def test_the_code_for_cards_compiles_without_a_card(tmp_path):
         module = sys.modules[f"{package.__name__}.{name}"]
         wp.compile_aot_module(module, arch=90, module_dir=tmp_path / name, strip_hash=False)
         assert list((tmp_path / name).glob("*.ptx")) + list((tmp_path / name).glob("*.cubin"))
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_nan_in_one_component_is_seen_at_once(axis):
-    """Maxima pass over NaN: it must not hide behind the other two components."""
-    problem = sand_problem()
-    velocities = np.zeros((len(BLOCK.particle_positions), 3))
-    velocities[7, axis] = np.nan
-    stepper = Stepper(BLOCK, problem, problem.grid(BLOCK), "cpu")
-    stepper.particles.assign("velocities", velocities)
-    stepper.begin(Step(1e-4, problem.simulation.gravity))
-    assert not stepper.substep() < 1e6
-
-
-def twenty_substeps_with(gradient):
-    """Return the motion and the total deformation gradients of the block, of which one is `gradient` at first."""
-    problem = sand_problem()
-    gradients = np.tile(np.eye(3), (len(BLOCK.particle_positions), 1, 1))
-    gradients[7] = gradient
-    stepper = Stepper(BLOCK, problem, problem.grid(BLOCK), "cpu")
-    stepper.particles.assign("deformation_gradients", gradients)
-    stepper.begin(Step(1e-4, problem.simulation.gravity))
-    for _ in range(20):
-        stepper.substep()
-    return stepper.motion(), stepper.frame(0.0).deformation_gradients
-
-
-def test_a_particle_turned_inside_out_is_drawn_so_and_moves_no_other():
-    """Stress follows from the elastic strain, which is symmetric and has no sign to lose."""
-    (positions, velocities), _ = twenty_substeps_with(np.eye(3))
-    (inverted_positions, inverted_velocities), gradients = twenty_substeps_with(np.diag([-1.0, 1.0, 1.0]))
-    np.testing.assert_array_equal(inverted_positions, positions)
-    np.testing.assert_array_equal(inverted_velocities, velocities)
-    assert np.flatnonzero(np.linalg.det(gradients.astype(float)) < 0).tolist() == [7]

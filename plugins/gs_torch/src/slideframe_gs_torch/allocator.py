@@ -27,7 +27,7 @@ def freed_memory_kept() -> Iterator[None]:
     """Keep what is freed for what is allocated next, and return it in the end; elsewhere than with glibc do nothing.
 
     An iteration allocates some ten arrays of many megabytes and frees them all; a heap that shrinks each time has every
-    page cleared anew by the system, up to a tenth of the iteration.
+    page cleared anew by the system.
     """
     library = _glibc()
     if library is None:

@@ -28,6 +28,8 @@ FARTHEST = 1.5
 def dense_points(survey: Survey, views: Sequence[TrainingView], most: int) -> tuple[Float32Array, Float32Array]:
     """Return at most `most` points (point, 3), m, the sparse ones first, and their colours (point, 3), 0 to 1."""
     sparse = survey.sparse_points.astype(np.float64), survey.sparse_colors / 255
+    if len(survey.sparse_points) > most:
+        return survey.sparse_points, sparse[1].astype(np.float32)
     ground = GroundSurface.of(survey.sparse_points)
     depths = [ViewDepths.of(survey.sparse_points, view, ground) for view in views]
     found = sparse
