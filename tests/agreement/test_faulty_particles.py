@@ -1,6 +1,6 @@
 """What one particle's faulty numbers do to the steppers of both backends."""
 
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 import numpy as np
 import pytest
@@ -20,11 +20,12 @@ FAULTY = 7
 def stepper_with(backend, particles):
     """Give the block's stepper at the start of a step, with some of its particles' arrays assigned."""
     problem = sand_problem()
-    with session(Device(), "float32"):
-        if backend == "mpm_taichi":
-            stepper = TaichiStepper(BLOCK, problem, problem.grid(BLOCK), Device())
-        else:
-            stepper = WarpStepper(BLOCK, problem, problem.grid(BLOCK), "cpu")
+    build, device, running = {
+        "mpm_warp": (WarpStepper, "cpu", nullcontext()),
+        "mpm_taichi": (TaichiStepper, Device(), session(Device(), "float32")),
+    }[backend]
+    with running:
+        stepper = build(BLOCK, problem, problem.grid(BLOCK), device)
         for name, values in particles.items():
             stepper.particles.assign(name, values)
         stepper.begin(Step(1e-4, problem.simulation.gravity))
